@@ -6,7 +6,7 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-all test-random hard-cases fuzz bench lint docs coverage \
+.PHONY: setup table test test-all test-random hard-cases gpu fuzz bench lint docs coverage \
   requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
@@ -23,8 +23,8 @@ $(VENV)/.ready: requirements.txt pyproject.toml
 	  --no-build-isolation -e .
 	@touch $@
 
-# The package as one folder of links, for tools that read code and do not run it (mypy, the
-# documentation's site).
+# The package as one folder of links, for mypy, the documentation's site and `make gpu`, which do not
+# install it.
 $(LINKS): $(wildcard handbench/*)
 	rm -rf $@ && mkdir -p $@
 	ln -s $(ROOMS:%=../../%) \
@@ -65,6 +65,14 @@ test-random: setup
 # GROUPS="phase data" runs two groups.
 hard-cases: setup
 	$(BIN)/python -m tests.hard_cases $(GROUPS)
+
+# Tests, times and errors of imaging on a CUDA device, by the packages of PYTHON, CuPy among them,
+# without .venv: runs/gpu/gpu.json and gpu.md. DEVICE=numpy or cpu does the same on the processor.
+gpu: export PYTHONSAFEPATH := 1
+gpu: export PYTHONPATH := $(CURDIR)/.types:$(CURDIR):$(PYTHONPATH)
+gpu: $(LINKS)
+	$(PYTHON) -c 'import setuptools; setuptools.setup()' --quiet egg_info --egg-base .types
+	$(PYTHON) -m tests.radar.imaging.measure_gpu --device $(or $(DEVICE),cuda) -o runs/gpu
 
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes
 # more or fewer.

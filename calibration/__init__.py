@@ -1,2 +1,2 @@
-"""Calibration: transforms between named frames, the target in both sensors, registration, the
-array's own errors."""
+"""Calibration: transforms between named frames, detection of the calibration target by radar and in
+photographs, registration of both sensors, and the errors of the array's antennas."""

@@ -1,4 +1,5 @@
-"""Similarity transforms between named frames."""
+"""Similarity transforms (rotation, translation, scale) between named frames, their fit to matched
+points, and their files."""
 
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -22,12 +23,13 @@ class Transform:
     """A similarity between frames: p_target = matrix @ [p_source, 1]. Variables are named
     `target_from_source`.
 
-    matrix: 4×4, upper left = scale · rotation, last column in metres. covariance: 6×6 (or 7×7 with
-    log-scale) of [translation_m, rotation_rad(, log scale)], a small motion applied after the
-    transform, in the target frame and about its origin. residuals_m: one distance for each matched
-    point. refined: how the alignment to the radar's depth map changed it, with the "reason" to
-    distrust that (None: not refined). note: how the file was interpreted. A negative scale marks
-    the source's points as a mirror image; files never have one.
+    source, target: names of the frames. matrix: 4×4, upper left = scale · rotation, last column in
+    metres; a negative scale marks the source's points as a mirror image, which files never have.
+    covariance: 6×6, or 7×7 with log scale, of [translation_m, rotation_rad(, log scale)] of a small
+    motion that is applied after the transform, in the target frame and about its origin.
+    residuals_m: one distance for each matched point. refined: how alignment to the radar's depth
+    map changed the transform, with the "reason" to distrust it (None: not refined). note: how the
+    file was interpreted.
     """
 
     source: str
@@ -40,7 +42,8 @@ class Transform:
 
     @property
     def scale(self) -> float:
-        """The scale: cube root of the determinant of the matrix's upper left 3×3."""
+        """The scale factor: the cube root of the determinant of the matrix's upper left 3×3
+        part."""
         return float(np.cbrt(np.linalg.det(self.matrix[:3, :3])))
 
     @property
@@ -53,8 +56,8 @@ class Transform:
         return points_m @ self.matrix[:3, :3].T + self.matrix[:3, 3]
 
     def point_covariance(self, points_m: np.ndarray) -> np.ndarray:
-        """Compute the covariance [..., 3, 3] (m²) that the registration's uncertainty causes in
-        points [..., 3] of the target frame. Raises HandbenchError if the transform has no
+        """Compute the covariance [..., 3, 3] (m²) of points [..., 3] of the target frame that is
+        due to the transform's uncertainty. Raises HandbenchError if the transform has no
         covariance."""
         covariance = self.require_covariance()
         jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
@@ -70,8 +73,8 @@ class Transform:
         return self.covariance
 
     def require(self, source: str, target: str, where: object) -> "Transform":
-        """Return the transform if it leads from `source` to `target`. Raises HandbenchError, which
-        begins with `where` (its file), otherwise."""
+        """Return the transform if it leads from the frame `source` to the frame `target`; otherwise
+        raise HandbenchError. where: the transform's file, with which the message begins."""
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
                 f"{where}: leads from '{self.source}' to '{self.target}'; expected one from "
@@ -89,7 +92,7 @@ class Transform:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the transform file (JSON), atomically."""
+        """Write the transform to a JSON file, atomically; `load_transform` reads it."""
         content: dict[str, Any] = {
             "from": self.source,
             "to": self.target,
@@ -104,13 +107,13 @@ class Transform:
 
 
 def identity(frame: str) -> Transform:
-    """Make the identity transform from a frame to itself."""
+    """Return the identity transform from a frame to itself."""
     return Transform(frame, frame, np.eye(4))
 
 
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
-    """Compute the derivatives [..., 3, 7] of points [..., 3] by a small motion [translation_m,
-    rotation_rad, log scale] about the origin of their frame: dp = t + ω×p + λp."""
+    """Compute the derivatives [..., 3, 7] of points [..., 3] with respect to a small motion
+    [translation_m, rotation_rad, log scale] about the origin of their frame: dp = t + ω×p + λp."""
     x, y, z = np.moveaxis(np.asarray(points_m, np.float64), -1, 0)
     jacobian = np.zeros((*np.shape(x), 3, 7))
     jacobian[..., :3, :3] = np.eye(3)
@@ -123,8 +126,11 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
 
 def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
     """Return the matrix [6, 6] or [7, 7] that converts a small motion (translation, rotation, log
-    scale) about one point to the same motion about a point shifted by step_m [3]: t' = t + ω×step +
-    λ·step; rotation and scale do not change. unknowns: 6 or 7, with scale."""
+    scale) about one point to the same motion about a point shifted by step_m [3].
+
+    The translation becomes t' = t + ω×step + λ·step; rotation and scale do not change. unknowns: 6,
+    or 7 with scale.
+    """
     matrix = np.eye(7)
     matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
     return matrix[:unknowns, :unknowns]
@@ -136,11 +142,11 @@ def umeyama(
     with_scale: bool = False,
     weights: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Fit the similarity [4, 4] from points [n, 3] to points [n, 3] with the least squared error,
-    in closed form; never a reflection (Umeyama 1991).
+    """Fit the similarity [4, 4] from source to target points [n, 3] with the least squared error,
+    in closed form; it is never a reflection (Umeyama 1991).
 
-    with_scale: fit a scale too, instead of 1. weights [n]: of the points (None: equal). Raises
-    HandbenchError if a scale is wanted and all source points coincide.
+    with_scale: fit a scale too; else it is 1. weights [n]: weights of the points (None: equal).
+    Raises HandbenchError if a scale is wanted and all source points coincide.
     """
     source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
     u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
@@ -162,13 +168,13 @@ def condition_number(
 ) -> float:
     """Compute how unevenly matched points, source and target [n, 3], determine the rotation between
     them: its uncertainty about the worst axis divided by that about the best one, √((d₁ + d₂) / (d₂
-    + d₃)). weights [n]: of the points (None: equal).
+    + d₃)). weights [n]: weights of the points (None: equal).
 
     d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative if the best
     map is a reflection; the squared error has curvatures equal to their pairwise sums about the
     three axes. For matching points, d is σ² of the centred points, and a rotation about axis i is
-    determined by σ_j² + σ_k². Infinite for points on a line, for fewer than three different ones,
-    and for a mirror image that fits two rotations equally well.
+    determined by σ_j² + σ_k². The result is infinite for points on a line, for fewer than three
+    different ones, and for a mirror image that fits two rotations equally well.
     """
     source, _, target, _, weights = centred(source_m, target_m, weights)
     u, d, vt = np.linalg.svd((weights[:, None] * target).T @ source)
@@ -181,8 +187,8 @@ def condition_number(
 def centred(
     source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre two sets of points [n, 3] on their weighted means. Returns the centred source points,
-    their mean, the centred target points, their mean, and the weights [n] scaled to sum 1."""
+    """Centre two sets of points [n, 3] on their weighted means: (centred source points, their mean,
+    centred target points, their mean, weights [n] scaled to sum 1)."""
     weights = np.ones(len(source_m)) if weights is None else weights
     weights = weights / weights.sum()
     source_mean, target_mean = weights @ source_m, weights @ target_m
@@ -190,9 +196,8 @@ def centred(
 
 
 def load_transform(path: str | Path) -> Transform:
-    """Read a transform from a JSON file. Raises HandbenchError unless it holds a finite 4×4
-    similarity without reflection and, if it has a covariance, one that is symmetric and
-    positive."""
+    """Read a transform from a JSON file. Raises HandbenchError unless its matrix is a finite 4×4
+    similarity without reflection and its covariance, if there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     if not isinstance(content, dict) or not {"from", "to", "matrix"} <= content.keys():
         raise HandbenchError(
@@ -248,8 +253,8 @@ def checked_numbers(
     largest: float = LARGEST_M,
 ) -> np.ndarray:
     """Return `value`, read from a file, as a float array. Raises HandbenchError unless it has one
-    of the shapes (None: a list of any length) and finite numbers below `largest`. path, key: where
-    it was read, for the message."""
+    of the shapes (None: a list of any length) and finite numbers below `largest`. path, key: file
+    and key of the value, for the message."""
     expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
     try:
         array = np.array(value)
@@ -270,8 +275,8 @@ def checked_numbers(
 
 
 def triples(count: int) -> np.ndarray:
-    """List triples of indices below `count`: [m, 3], all of them, or TRIPLES random ones, the same
-    in every run, if there are more."""
+    """Return triples of indices below `count`: [m, 3]. They are all triples or, if there are more
+    than TRIPLES, as many random ones, which are the same in every run."""
     if comb(count, 3) <= TRIPLES:
         return np.array(list(combinations(range(count), 3)))
     rng = np.random.default_rng(0)  # the same pairs give the same transform

@@ -1,7 +1,8 @@
-"""The figures of docs/measurements/fountain.md: python -m docs.fountain WORKDIR SURVEYED_CAMERAS
-MESH.ply OUT.png
+"""Make the figures of docs/measurements/fountain.md: python -m docs.fountain WORKDIR
+SURVEYED_CAMERAS MESH.ply OUT.png
 
-WORKDIR and MESH.ply come from `handbench groundtruth … --workdir WORKDIR`.
+WORKDIR and MESH.ply are written by `handbench groundtruth … --workdir WORKDIR`. SURVEYED_CAMERAS is
+the folder with the surveyed positions of the cameras.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from handbench.groundtruth.mesh.surface import Surface, read_surface
 def render(
     surface: Surface, model: pycolmap.Reconstruction, metres: float, out: Path, width: int = 1024
 ) -> None:
-    """The mesh as the middle camera sees it: shaded with a bar of 1 m, and in the colours of its
-    own σ. metres: of one of the model's units, by the surveyed cameras."""
+    """Draw a mesh as the middle camera sees it, shaded with a scale bar of 1 m, and next to it in
+    the colours of its predicted standard deviation.
+    model: COLMAP's reconstruction, with the cameras; metres: length of one unit of the model,
+    metres, by the surveyed cameras; out: file to write; width: of each picture, pixels."""
     image = registered_images(model)[len(registered_images(model)) // 2]
     camera, pose = image.camera, image.cam_from_world().matrix()
     step = camera.width / width
@@ -81,7 +84,8 @@ def render(
 
 
 def main(workdir: Path, surveyed: Path, mesh_file: Path, out: Path) -> None:
-    """Print the figures and draw the mesh."""
+    """Print the errors of the camera centres against the survey, and draw the mesh with its
+    predicted standard deviation."""
     model = load_pycolmap().Reconstruction(str(workdir / "sparse"))
     centres_m = surveyed_centres_m(surveyed)
     errors_m = centre_errors_m(model, centres_m)

@@ -1,7 +1,8 @@
-"""The figure of docs/conventions.md: python docs/frames.py OUT.png (from the repository's root).
+"""Draw the figure of docs/conventions.md, the coordinate frames: python docs/frames.py OUT.png
+(from the repository's root).
 
-Everything stands where the package itself puts it: the antennas, the hand, the board of the stand,
-a camera of the rig.
+The antennas, the hand, the board of the stand and a camera of the rig are drawn where handbench's
+own scenes have them.
 """
 
 from __future__ import annotations
@@ -36,14 +37,15 @@ HALO = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.6}
 
 @dataclass(frozen=True)
 class Eye:
-    """A pinhole at place_m [3] that looks at aim_m [3], y upwards."""
+    """A pinhole camera for drawing the scene: it is at place_m [3], looks at aim_m [3], and has y
+    upwards."""
 
     place_m: np.ndarray
     aim_m: np.ndarray
 
     def seen(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Picture coordinates [..., 2] of points [..., 3] in the radar frame, and how far along the
-        view they lie."""
+        """Project points [..., 3], metres in the radar frame. Returns picture coordinates [..., 2],
+        and depths along the direction of view [...], metres."""
         ahead = (self.aim_m - self.place_m) / np.linalg.norm(self.aim_m - self.place_m)
         right = np.cross(ahead, [0.0, 1.0, 0.0])
         right /= np.linalg.norm(right)
@@ -58,18 +60,18 @@ EYE = Eye(np.array([-0.98, 0.54, -0.62]), np.array([0.0, 0.0, 0.17]))
 
 
 def rig_camera() -> Camera:
-    """One of the cameras around the array, posed in the photo frame."""
+    """Return one of the eight cameras around the array, with its pose in the photo frame."""
     return rig(8, 2400, 1600, PALM_M, Mount().radar_from_photo(), 70)[CAMERA]
 
 
 def line(axes: Axes, points_m: object, **style: object) -> None:
-    """A line through points [n, 3]."""
+    """Draw a line through points [n, 3], metres in the radar frame."""
     places, _ = EYE.seen(np.asarray(points_m))
     axes.plot(*places.T, **style)
 
 
 def word(axes: Axes, point_m: object, text: str, colour: str = "0.15", **style: object) -> None:
-    """A text at a point [3]."""
+    """Write a text at a point [3], metres in the radar frame."""
     place, _ = EYE.seen(np.asarray(point_m))
     axes.text(
         *place,
@@ -82,7 +84,7 @@ def word(axes: Axes, point_m: object, text: str, colour: str = "0.15", **style: 
 def arrow(
     axes: Axes, start_m: np.ndarray, stop_m: np.ndarray, colour: str, **style: object
 ) -> None:
-    """An arrow between two points [3]."""
+    """Draw an arrow from one point [3] to another, metres in the radar frame."""
     (start, stop), _ = EYE.seen(np.stack([start_m, stop_m]))
     look = {
         "arrowstyle": "-|>,head_width=0.28,head_length=0.55",
@@ -93,7 +95,8 @@ def arrow(
 
 
 def frame(axes: Axes, origin_m: np.ndarray, rotation: np.ndarray, length_m: float) -> None:
-    """Three axes, the columns of rotation [3, 3], with their names."""
+    """Draw a coordinate frame: an origin [3], metres, and three named axes, which are the columns
+    of rotation [3, 3]."""
     for (name, colour), direction in zip(AXES, np.asarray(rotation).T, strict=True):
         arrow(axes, origin_m, origin_m + length_m * direction, colour)
         word(
@@ -110,7 +113,9 @@ def frame(axes: Axes, origin_m: np.ndarray, rotation: np.ndarray, length_m: floa
 
 
 def solid(axes: Axes, vertices_m: np.ndarray, faces: np.ndarray, colour: np.ndarray) -> None:
-    """A closed mesh, lit: the triangles that face the eye, the furthest first."""
+    """Draw a closed mesh with shading: the triangles that face the eye, from the furthest to the
+    nearest.
+    vertices_m [n, 3]: metres in the radar frame; faces [m, 3]: indices; colour [3]: RGB."""
     corners = vertices_m[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -125,19 +130,21 @@ def solid(axes: Axes, vertices_m: np.ndarray, faces: np.ndarray, colour: np.ndar
 
 
 def panel(axes: Axes, corners_m: np.ndarray, **style: object) -> None:
-    """A flat polygon with corners [n, 3]."""
+    """Draw a filled flat polygon with corners [n, 3], metres in the radar frame."""
     places, _ = EYE.seen(corners_m)
     axes.fill(*places.T, **style)
 
 
 def rectangle(width_m: float, height_m: float) -> np.ndarray:
-    """Corners [4, 3] in the plane z = 0, about the origin."""
+    """Return the corners [4, 3], metres, of a rectangle in the plane z = 0, centred at the
+    origin."""
     x, y = width_m / 2, height_m / 2
     return np.array([(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)])
 
 
 def draw_array(axes: Axes) -> None:
-    """The antennas, their plane, the radar frame, and MAROON's x."""
+    """Draw the antennas with their plane, the radar frame, and the direction of the x axis in
+    MAROON's data."""
     array = qar50()
     panel(
         axes,
@@ -168,7 +175,7 @@ def draw_array(axes: Axes) -> None:
 
 
 def draw_stand(axes: Axes) -> None:
-    """The board behind the hand, with the photo frame."""
+    """Draw the board behind the hand, with its markers and the photo frame."""
     radar_from_photo = Mount().radar_from_photo()
     width, height, _ = PLATE_M
     plate_m = radar_from_photo.points(rectangle(width, height))
@@ -187,7 +194,8 @@ def draw_stand(axes: Axes) -> None:
 
 
 def draw_hand(axes: Axes) -> None:
-    """A hand before the board, with the middle of the palm as the target frame's origin."""
+    """Draw a hand in front of the board, with the target frame, whose origin is the middle of the
+    palm."""
     surface = hand_mesh(POSES["F"], EDGE_M).translate(PALM_M)
     solid(axes, np.asarray(surface.vertices), np.asarray(surface.triangles), SKIN)
     frame(axes, PALM_M, np.eye(3), 0.040)
@@ -201,7 +209,7 @@ def draw_hand(axes: Axes) -> None:
 
 
 def draw_camera(axes: Axes) -> None:
-    """A camera's frame and its cone of view."""
+    """Draw a camera's frame and its pyramid of view."""
     camera, photo = rig_camera(), Mount().radar_from_photo()
     rotation, shift_m = np.array(camera.R), np.array(camera.t)
     centre_m, turned = photo.points(-rotation.T @ shift_m), photo.rotation @ rotation.T
@@ -217,7 +225,7 @@ def draw_camera(axes: Axes) -> None:
 
 
 def draw_map(axes: Axes) -> None:
-    """How maps are stored and drawn: rows upwards, x to the left."""
+    """Draw how depth maps are stored and shown: rows upwards, x growing to the left."""
     ny, nx = 4, 5
     for i in range(nx + 1):
         axes.plot([i, i], [0, ny], color="0.75", lw=0.8)
@@ -249,7 +257,8 @@ def draw_map(axes: Axes) -> None:
 
 
 def draw_pixels(axes: Axes) -> None:
-    """COLMAP's pixels: (0, 0) is the picture's corner, the first centre is at a half."""
+    """Draw COLMAP's pixel coordinates: (0, 0) is the corner of the picture, and (0.5, 0.5) the
+    centre of the first pixel."""
     columns, rows = 5, 3.4
     for i in range(columns + 1):
         axes.plot([i, i], [0, rows], color="0.75", lw=0.8)
@@ -287,7 +296,7 @@ def draw_pixels(axes: Axes) -> None:
 
 
 def draw() -> Figure:
-    """The whole figure."""
+    """Draw the whole figure and return it."""
     figure = Figure(figsize=(12.5, 6.0), facecolor="white")
     scene = figure.add_axes((0.0, 0.0, 0.78, 1.0))
     for part in (draw_stand, draw_hand, draw_array, draw_camera):
@@ -301,7 +310,7 @@ def draw() -> Figure:
 
 
 def main(out: Path) -> None:
-    """Draw and write it, in few colours."""
+    """Draw the figure and write it as a PNG file with few colours."""
     stream = io.BytesIO()
     draw().savefig(stream, dpi=130)
     Image.open(stream).convert("RGB").quantize(200, dither=Image.Dither.NONE).save(

@@ -1,8 +1,9 @@
-"""Figures of docs/measurements/hands.md that no result folder has: python docs/hand_causes.py
+"""Compute the figures of docs/measurements/hands.md that are in no result folder: python
+docs/hand_causes.py
 
-What the errors of the benchmark `hands` vary with: its hands all held where the scenes say, the
-mean hand held where its people do, and frames of three of its captures that differ in their noise
-alone.
+It measures how much the errors of the benchmark `hands` vary for each of three reasons. The hands
+are all placed as the scene files say (only their shapes differ); the mean hand is placed as each
+person places it (only the placements differ); and frames of three captures differ only in noise.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ PLACEMENT = ("distance_m", "offset_m", "rotation_deg")
 
 
 def figures(bench: BenchFile, scene: SceneFile, folder: Path, frames: int = 1) -> np.ndarray:
-    """The first metric [method, frame] of a scene against its true surface."""
+    """Simulate a scene, image it by every method of the benchmark, and return the mean absolute
+    error, mm, against the true surface: [method, frame].
+    folder: where the capture is written; frames: how many are simulated."""
     capture, found = folder / "capture", np.empty((len(bench.method), frames))
     simulate_capture(build(scene, folder), capture, frames)
     echoes, metric = open_capture(capture).echoes(), next(iter(METRICS))
@@ -46,7 +49,7 @@ def figures(bench: BenchFile, scene: SceneFile, folder: Path, frames: int = 1) -
 
 
 def main() -> None:
-    """Print a line of standard deviations, one a method, for each cause."""
+    """Print for each reason a line with the standard deviation of the error for each method, mm."""
     bench, base = load_benchmark("hands")
     noise = Noise(phase_noise_rad=bench.phase_noise_rad)
     causes: dict[str, list[np.ndarray]] = {"hands alone": [], "placements alone": [], "frames": []}

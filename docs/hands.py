@@ -1,6 +1,6 @@
-"""The figure of docs/measurements/hands.md: python docs/hands.py OUT.png [EDGE_MM [PANEL_PX]]
+"""Draw the figure of docs/measurements/hands.md: python docs/hands.py OUT.png [EDGE_MM [PANEL_PX]]
 
-The hands of the embedded benchmark `hands` where their people hold them, as the radar sees them.
+It shows the hands of the benchmark `hands` as the radar sees them, each where its person holds it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ WIDTH_TO_HEIGHT, HEIGHT_M = 0.62, 0.275
 
 
 def panel(source: Source, base: Path, edge_m: float, height: int) -> Image.Image:
-    """One capture's hand with its name."""
+    """Draw the hand of one capture with its name.
+    base: folder to which the benchmark's paths are relative; edge_m: edges of the mesh, metres;
+    height: of the picture, pixels."""
     assert source.scene is not None and source.persons is not None
     file = load(SceneFile, base / source.scene, "a scene description").of_person(*source.persons)
     file = file.model_copy(
@@ -42,7 +44,8 @@ def panel(source: Source, base: Path, edge_m: float, height: int) -> Image.Image
 
 
 def main(out: Path, edge_mm: float = 1.0, height: int = 240) -> None:
-    """Draw the contact sheet."""
+    """Draw all hands of the benchmark in one picture and write it to `out`.
+    edge_mm: edges of the meshes, mm; height: of each hand's panel, pixels."""
     bench, base = load_benchmark("hands")
     people = sorted(bench.capture, key=lambda source: source.persons or ())
     panels = [panel(source, base, 1e-3 * edge_mm, height) for source in people]

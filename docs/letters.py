@@ -1,6 +1,7 @@
-"""The figure of docs/hand.md: python docs/letters.py OUT.png [LETTERS [EDGE_MM [PANEL_PX]]]
+"""Draw the figure of docs/hand.md: python docs/letters.py OUT.png [LETTERS [EDGE_MM [PANEL_PX]]]
 
-All letters (or the ones named, such as "AEG") as the radar sees them, centred, on one scale.
+It shows the hand as it signs each letter for which handbench has a pose (or the named letters, such
+as "AEG"), as the radar sees it, centred and on one scale.
 """
 
 from __future__ import annotations
@@ -35,16 +36,19 @@ SUPERSAMPLED = 2
 
 
 def middle_m(surface: o3d.geometry.TriangleMesh) -> np.ndarray:
-    """Where the middle of what the array's centre sees lies on the plane at the palm's distance: x,
-    y."""
+    """Return the middle (x, y), metres, of a mesh as seen from the centre of the array, projected
+    onto the plane at the distance of the palm."""
     vertices = np.asarray(surface.vertices)
     on_plane = PALM_M[2] * vertices[:, :2] / vertices[:, 2:]
     return (on_plane.min(axis=0) + on_plane.max(axis=0)) / 2
 
 
 def rays(centre_m: np.ndarray, width: int, height: int, height_m: float = HEIGHT_M) -> np.ndarray:
-    """Rays [height, width, 6] from the array's centre to a panel around a point of the plane at the
-    palm's distance; x grows to the left, as for whoever looks along +z."""
+    """Return rays [height, width, 6] (origin, direction) from the centre of the array, one for each
+    pixel of a panel.
+    centre_m [2]: middle of the panel in the plane at the distance of the palm, metres; width,
+    height: pixels; height_m: height of the panel in that plane. x grows to the left, as seen along
+    +z."""
     x = centre_m[0] - height_m * ((np.arange(width) + 0.5) - width / 2) / height
     y = centre_m[1] - height_m * ((np.arange(height) + 0.5) / height - 0.5)
     directions = np.stack([*np.meshgrid(x, y), np.full((height, width), PALM_M[2])], axis=-1)
@@ -55,8 +59,10 @@ def rays(centre_m: np.ndarray, width: int, height: int, height_m: float = HEIGHT
 def shade(
     surface: o3d.geometry.TriangleMesh, width: int, height: int, height_m: float = HEIGHT_M
 ) -> np.ndarray:
-    """Picture [height, width, 3] of a mesh in the radar frame: two lamps with shadows, and light
-    from everywhere."""
+    """Draw a mesh in the radar frame, lit by lamps with shadows and by ambient light. Returns a
+    picture [height, width, 3] with RGB values from 0 to about 255.
+    width, height: of the picture, pixels; height_m: its height at the distance of the palm,
+    metres."""
     tensor = load_open3d().core.Tensor
     scene, query = raycasting_scene(surface), rays(middle_m(surface), width, height, height_m)
     hits = {key: value.numpy() for key, value in scene.cast_rays(tensor(query)).items()}
@@ -81,7 +87,8 @@ def shade(
 
 
 def panel(name: str, pose: Pose, edge_m: float, height: int) -> Image.Image:
-    """One letter with its name."""
+    """Draw the hand of one letter, with the letter's name.
+    edge_m: edges of the mesh, metres; height: of the picture, pixels."""
     surface = hand_mesh(pose, edge_m).translate(PALM_M)
     width = int(WIDTH_TO_HEIGHT * height)
     picture = np.clip(shade(surface, SUPERSAMPLED * width, SUPERSAMPLED * height), 0, 255).astype(
@@ -95,7 +102,7 @@ def panel(name: str, pose: Pose, edge_m: float, height: int) -> Image.Image:
 
 
 def sheet(panels: list[Image.Image]) -> Image.Image:
-    """All panels, row by row."""
+    """Return all pictures arranged in one, row by row, with at most six in a row (COLUMNS)."""
     columns = min(COLUMNS, len(panels))
     width, height = panels[0].size
     size = columns * width, -(-len(panels) // columns) * height
@@ -106,7 +113,8 @@ def sheet(panels: list[Image.Image]) -> Image.Image:
 
 
 def main(out: Path, letters: str = "", edge_mm: float = 1.0, height: int = 300) -> None:
-    """Draw the contact sheet."""
+    """Draw the hands of the named letters (none: all) in one picture and write it to `out`.
+    edge_mm: edges of the meshes, mm; height: of each panel, pixels."""
     chosen = letters or "".join(sorted(POSES))
     panels = [panel(name, POSES[name], 1e-3 * edge_mm, height) for name in chosen]
     sheet(panels).quantize(128, dither=Image.Dither.NONE).save(out, optimize=True)

@@ -1,6 +1,8 @@
-"""Measure by whole reconstructions how far effects of photographs move the mesh:
-docs/measurements/effects.md. `python docs/photo_effects.py WORK [EFFECT …]` keeps photographs and
-meshes in WORK."""
+"""Measure how far effects of photographs, such as blur and noise, move the reconstructed mesh (for
+docs/measurements/effects.md): python docs/photo_effects.py WORK [EFFECT …]
+
+Photographs and meshes are kept in the folder WORK and used again.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,8 @@ MATCHED_M = 1e-3  # a vertex that is further from the other mesh has no counterp
 
 
 def scene_of(photos: dict[str, Any]) -> Scene:
-    """Hand F before five small cameras."""
+    """Return the scene of a hand (letter F) in front of five small cameras.
+    photos: settings of the photographs, by which an effect is switched on."""
     return build(
         PhotogrammetryCase(
             "effects", "F", 201, cameras=5, width=1000, photos=IDEAL | photos
@@ -45,7 +48,10 @@ def scene_of(photos: dict[str, Any]) -> Scene:
 
 
 def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int = 0) -> Surface:
-    """The mesh of photographs; posed: from the true poses, so that matching alone can move it."""
+    """Return the mesh reconstructed from simulated photographs; it is read from `folder` if it was
+    made before.
+    photos: settings of the photographs; posed: use the true poses of the cameras, so that an effect
+    can move the mesh only by dense matching; seed: of the reconstruction."""
     file = folder / f"{'posed' if posed else 'whole'}-{seed}.ply"
     if not file.exists():
         scene = scene_of(photos)
@@ -58,8 +64,9 @@ def reconstructed(folder: Path, photos: dict[str, Any], posed: bool, seed: int =
 
 
 def change(before: Surface, after: Surface) -> tuple[float, float]:
-    """Mean distance in mm of the observed vertices to the other mesh, both ways, and the share of
-    them that have no counterpart."""
+    """Compare two meshes: return the mean distance, mm, from the observed vertices of each mesh to
+    the other mesh, and the share of vertices that are further than 1 mm (MATCHED_M) from it. These
+    are not in the mean."""
     distances_m = []
     for one, other in ((before, after), (after, before)):
         points = load_open3d().core.Tensor(one.vertices_m[one.observed].astype(np.float32))
@@ -70,7 +77,8 @@ def change(before: Surface, after: Surface) -> tuple[float, float]:
 
 
 def main(work: Path, effects: list[str]) -> None:
-    """Print a table of the changes measured from the true poses and from those found."""
+    """Print a table of how far each effect moves the mesh, with the true camera poses and with
+    estimated ones."""
     print("| effect added | true poses: mm | lost % | whole: mm | lost % |")
     print("|---|--:|--:|--:|--:|")
     for effect in ["another seed", *effects]:

@@ -1,5 +1,8 @@
-"""The figures of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE OUT.png (from
-`handbench import`)."""
+"""Make the table and figure of docs/measurements/planar_scan.md: python docs/planar_scan.py CAPTURE
+OUT.png
+
+CAPTURE is a folder that `handbench import planar_scan` has written.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ FLAW_M = ((-0.125, -0.055), (-0.015, 0.070))  # corners of a box around the flaw
 
 
 def about_plane_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
-    """Depths [n] over the unflawed part of the panel and their residuals about the fitted plane,
-    metres."""
+    """Return the depths [n] of the panel, without its flaw and its border, and their residuals [n]
+    about the fitted plane, metres."""
     x, y = np.meshgrid(depth.x_m, depth.y_m)
     (x0, y0), (x1, y1) = FLAW_M
     inner = (np.abs(x) < depth.x_m.max() - BORDER_M) & (np.abs(y) < depth.y_m.max() - BORDER_M)
@@ -28,14 +31,15 @@ def about_plane_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
 
 
 def without_outliers_m(depth: DepthMap) -> np.ndarray:
-    """The residuals within three robust standard deviations."""
+    """Return the residuals of the depths about the fitted plane, metres, without those further than
+    three robust standard deviations from the median."""
     _, residual_m = about_plane_m(depth)
     centred = residual_m - np.median(residual_m)
     return residual_m[np.abs(centred) <= 3 * max(1.4826 * np.median(np.abs(centred)), 1e-6)]
 
 
 def rms_mm(residual_m: np.ndarray) -> float:
-    """Standard deviation, mm."""
+    """Return the standard deviation of residuals in metres, mm."""
     return 1e3 * float(residual_m.std())
 
 
@@ -45,7 +49,8 @@ def _residual_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray
 
 
 def main(capture: Path, picture: Path) -> None:
-    """Run the four methods, print the table, draw depth and amplitude."""
+    """Image the scan by four methods, print a table of the deviations from a plane, and draw depths
+    and amplitudes."""
     description, echoes = NativeCapture(capture).about, NativeCapture(capture).echoes()
     figure, axes = plt.subplots(
         2, 4, figsize=(13, 5.4), sharex=True, sharey=True, layout="constrained"

@@ -1,7 +1,7 @@
-"""The README's figure of the embedded hands: python docs/poses.py docs/poses.png
+"""Draw the README's figure of the benchmark's hands: python docs/poses.py docs/poses.png
 
-Each is photographed from where the array is, in the light of its scene, by a camera without lens
-errors.
+Each hand is photographed from the position of the array, in the light of its scene, by a camera
+without lens errors.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ CAMERA_FROM_RADAR = np.diag([-1.0, -1.0, 1.0])  # x grows to the left, as for wh
 
 
 def portrait(letter: str) -> np.ndarray:
-    """The hand of a scene as the array sees it [height, width, 3], 8-bit BGR."""
+    """Return a picture [height, width, 3], 8-bit BGR, of the hand in the scene file of a letter, as
+    seen from the array."""
     scene = load_scene(EMBEDDED / f"hand_{letter}.toml")
     rotation = CAMERA_FROM_RADAR @ scene.radar_from_photo.rotation
     eye_m = scene.radar_from_photo.inverse().points(np.array([0.0, 0.0, -0.29]))
@@ -40,7 +41,7 @@ def portrait(letter: str) -> np.ndarray:
 
 
 def main(out: str) -> None:
-    """Write the hands B, F and U side by side."""
+    """Draw the hands B, F and U next to each other and write the picture to `out`."""
     panels = []
     for letter in "bfu":
         panel = portrait(letter)

@@ -1,12 +1,14 @@
-"""The tables of README.md and docs/results.md, made from a result, and found when they are stale.
+"""Write the tables of README.md and docs/results.md from a result, and check whether they are out
+of date.
 
-    python -m docs.readme [RESULT] --check   are the pages what was recorded (and what RESULT says)?
+    python -m docs.readme [RESULT] --check   do the pages agree with the record (and with RESULT)?
     python -m docs.readme RESULT --write     renew the tables, their record docs/table.json, and
                                              the figure
 
-The record holds what the tables show and what they were made from. The pages must be the record's
-rendering, the figure and the scenes those that the record names; a fresh result must agree with it
-to a unit of the last digit that is printed. Times are left out of that: they are the machine's.
+The record has the figures of the tables and what they were made from. The tables in the pages must
+be exactly what is made from the record; the figure and the scene files must be those whose hashes
+the record has. A new result must agree with the record within one unit of the last printed digit.
+Times are not compared, because they depend on the machine.
 """
 
 import argparse
@@ -69,7 +71,10 @@ BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DO
 
 
 def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
-    """Content of docs/table.json: what the table shows, and what it was made from."""
+    """Return the content of docs/table.json: the figures of the tables, and what they were made
+    from.
+    root: of the repository. Raises HandbenchError for a result that is not one of the benchmark
+    paper_table."""
     shown = [(metric, REFERENCE) for metric in (*METRICS, *SPREAD.values())]
     shown += [(metric, "completed") for metric in EXTENDED]
     rows = [
@@ -119,7 +124,9 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
 
 
 def render_own(recorded: dict[str, Any]) -> str:
-    """The lines between the README's markers: each method as it is."""
+    """Return the text between the README's markers: a table of the methods with their own settings,
+    and notes.
+    recorded: content of docs/table.json."""
     machine = recorded["machine"]
     device = (
         "no GPU" if machine["imaging_device"] == "cpu" else f"imaged on {machine['imaging_device']}"
@@ -139,7 +146,9 @@ def render_own(recorded: dict[str, Any]) -> str:
 
 
 def render_equal(recorded: dict[str, Any]) -> str:
-    """The lines between the markers of docs/results.md: the methods under equal treatment."""
+    """Return the text between the markers of docs/results.md: a table of the methods under equal
+    treatment (same smoothing, common pixels), and findings.
+    recorded: content of docs/table.json."""
     sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in recorded["sentences"])
     return table(("", *recorded["titles"]), _equal_lines(recorded)) + (
         f"\n{sentences}" if sentences else ""
@@ -153,7 +162,7 @@ PAGES: dict[str, Callable[[dict[str, Any]], str]] = {
 
 
 def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """The lines of each method as it is."""
+    """Yield the rows of the table of methods with their own settings, each as its cells."""
     rows = _figures(recorded)
     for metric in METRICS:
         facts, stars = recorded["metrics"][metric], recorded["best"][metric]
@@ -174,7 +183,8 @@ def _own_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """The lines under equal treatment."""
+    """Yield the rows of the table of methods under equal treatment (same smoothing, common pixels),
+    each as its cells."""
     rows = _figures(recorded)
     for treatment, metrics in EQUAL.items():
         for metric in metrics:
@@ -188,8 +198,8 @@ def _equal_lines(recorded: dict[str, Any]) -> Iterator[tuple[str, ...]]:
 
 
 def _figures(recorded: dict[str, Any]) -> dict[tuple[str, str, str], Any]:
-    """The recorded lines by metric, reference or, of those under equal treatment, treatment, and
-    method."""
+    """Index the recorded figures: (metric, reference, method) → line. Under equal treatment, the
+    treatment is in place of the reference."""
     own = {
         (row.metric, row.reference, row.method): row for row in each(frame(TABLE, recorded["rows"]))
     }
@@ -213,7 +223,8 @@ def _cell(row: Any, star: bool) -> str:
 
 
 def write(result: Result, root: Path = ROOT) -> None:
-    """Renew the figures from the result's report, docs/table.json and the pages' tables."""
+    """Write docs/table.json, the tables in the pages, and the figures from the result's report.
+    root: of the repository. Raises HandbenchError if the report is missing."""
     texts, recorded = {page: _page(root / page) for page in PAGES}, record(result, root)
     for name, source in FIGURES.items():
         drawn = result.folder / source
@@ -231,7 +242,8 @@ def write(result: Result, root: Path = ROOT) -> None:
 
 
 def stale(root: Path = ROOT) -> list[str]:
-    """Everything in the repository that no longer fits docs/table.json, a sentence each."""
+    """Return a sentence for everything in the repository that does not agree with docs/table.json:
+    tables, figures and scene files."""
     recorded = _recorded(root)
     problems = [
         f"{page}: the table is not what docs/table.json says"
@@ -248,7 +260,8 @@ def stale(root: Path = ROOT) -> list[str]:
 
 
 def disagreements(result: Result, root: Path = ROOT) -> list[str]:
-    """Figures of a fresh result that do not print as was recorded, a sentence each; times aside."""
+    """Return a sentence for each figure of a new result that differs from the recorded one by more
+    than one unit of the last printed digit. Times are not compared."""
     recorded, fresh = _recorded(root), record(result, root)
     problems, rows = [], _figures(fresh)
     for (metric, kind, method), old in _figures(recorded).items():
@@ -292,8 +305,9 @@ def _page(file: Path) -> str:
 
 
 def _scenes(root: Path, config: str) -> dict[str, str]:
-    """Each scene of the benchmark with the hash of what its file says, whatever its comments;
-    empty: no such file."""
+    """Compute a hash of each scene file of the benchmark, without its comments: file name → hash,
+    "" if there is no such file.
+    config: the benchmark as TOML text."""
     described = tomllib.loads(config)
     sources = [*described.get("calibration", ()), *described.get("capture", ())]
     hashes = {source["scene"]: "" for source in sources if "scene" in source}
@@ -310,7 +324,8 @@ def _sha256(path: Path) -> str:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Exit code 1 and a line for each problem where something is stale."""
+    """Check or renew the tables, as the command line asks. Prints a line for each problem; returns
+    the exit code, 1 if there is any, and 2 for an error."""
     parser = argparse.ArgumentParser(
         prog="python -m docs.readme", description="tables of README and docs/results.md"
     )

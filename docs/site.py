@@ -1,9 +1,9 @@
-"""Hooks of the documentation's site (docs/mkdocs.yml): what lies outside this folder becomes part
-of it, and the navigation is read from docs/README.md.
+"""Hooks of MkDocs for the documentation's site (docs/mkdocs.yml): files outside docs/ become pages
+of the site, and the navigation is read from docs/README.md.
 
-README.md is the front page, docs/README.md the page of contents; CONTRIBUTING.md, CHANGELOG.md and
-the notebooks of examples/ are pages, too. A link to any other file outside, to code for instance,
-becomes its text: the site has no place for it.
+README.md becomes the front page and docs/README.md the page of contents. CONTRIBUTING.md,
+CHANGELOG.md and the notebooks of examples/ are pages too. A link to any other file outside docs/,
+for instance to code, is replaced by its text, because the site has no page for it.
 """
 
 from __future__ import annotations
@@ -44,31 +44,33 @@ OUTSIDE = {  # file of the repository: page of the site
 
 
 def notebooks() -> list[str]:
-    """The notebooks of the repository."""
+    """Return the paths of the repository's notebooks, relative to its root."""
     return sorted(path.relative_to(ROOT).as_posix() for path in ROOT.glob("examples/*.ipynb"))
 
 
 def pages() -> dict[str, str]:
-    """Every file outside this folder that is a page, and that page."""
+    """List the files outside docs/ that become pages of the site: path in the repository → name of
+    the page."""
     return OUTSIDE | {name: Path(name).with_suffix(".md").as_posix() for name in notebooks()}
 
 
 def slug(heading: str, separator: str = "-") -> str:
-    """A heading's anchor as GitHub makes it, which the pages' links expect."""
+    """Return the anchor of a heading as GitHub makes it, because links in the pages use it."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", separator)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Anchors as GitHub's; the navigation."""
+    """Set anchors like GitHub's and the navigation in MkDocs' configuration, and return it."""
     config.mdx_configs["toc"] = {"slugify": slug, "permalink": True}
     config.nav = navigation((ROOT / "docs/README.md").read_text("utf-8"))
     return config
 
 
 def navigation(contents: str) -> list[Any]:
-    """The groups of the page of contents, in bold there, with the pages that each links to;
-    measurements by themselves. A page that no group names is not lost: the test of the index
-    notices."""
+    """Return the site's navigation: the groups of the page of contents (its lines in bold), each
+    with the pages to which it links. Measurements form a separate group.
+    contents: text of docs/README.md. A page to which no group links is left out; a test of the
+    index reports it."""
     groups: dict[str, list[str]] = {"Start": ["index.md", "contents.md"]}
     for heading, text in re.findall(
         r"^\*\*([^*]+)\*\*$(.*?)(?=^\*\*|\Z)", contents, re.DOTALL | re.MULTILINE
@@ -86,7 +88,7 @@ def navigation(contents: str) -> list[Any]:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """The pages from outside."""
+    """Add the pages made from files outside docs/ to the site's files, and return these."""
     for name, page in pages().items():
         text = (ROOT / name).read_text("utf-8")
         files.append(
@@ -96,7 +98,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def cells(notebook: str) -> str:
-    """A notebook as Markdown: its words and its code."""
+    """Return the text and the code of a notebook (JSON) as Markdown."""
     found = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(notebook)["cells"]]
     return "\n\n".join(
         text if kind == "markdown" else f"```python\n{text}\n```" for kind, text in found
@@ -104,7 +106,8 @@ def cells(notebook: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Links as they lead inside the site; outside code alone."""
+    """Return a page's Markdown with links that lead to pages of the site, and with formulas as
+    pictures. Blocks of code are unchanged."""
     inside = {place: name for name, place in pages().items()}
     source = inside.get(page.file.src_uri, f"docs/{page.file.src_uri}")
 
@@ -125,17 +128,19 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def fenced(block: str) -> str:
-    """A block of code as it is, one of mathematics as a picture."""
+    """Return a fenced block of Markdown: a block of mathematics becomes a picture, any other stays
+    unchanged."""
     return f"<p>{formula(block[7:-3])}</p>" if block.startswith("```math") else block
 
 
 def formulas(text: str) -> str:
-    """Text whose formulas are pictures."""
+    """Return Markdown in which every formula $…$ is replaced by a picture. Inline code is
+    unchanged."""
     return MATH.sub(lambda found: found[1] or formula(found[2]), text)
 
 
 def formula(latex: str) -> str:
-    """A formula as a picture in the page, which stands on the line of the text."""
+    """Return a LaTeX formula as an HTML image with embedded SVG, aligned with the line of text."""
     spelt = " ".join(latex.split())
     for unknown, known in SPELT.items():
         spelt = re.sub(unknown, known, spelt)
@@ -160,8 +165,9 @@ def formula(latex: str) -> str:
 
 
 def moved(target: str, source: str) -> str:
-    """The place in the site of what `source`, a file of the repository, links to; ../… for what has
-    none there."""
+    """Return the path in the site of a file to which a link in `source` leads. For a file without a
+    page, the path begins with "../".
+    target: the link, relative to `source`; source: a file of the repository."""
     name, mark, anchor = target.partition("#")
     there = posixpath.normpath(posixpath.join(posixpath.dirname(source), name)) if name else source
     return pages().get(there, posixpath.relpath(there, "docs")) + mark + anchor

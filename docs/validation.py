@@ -1,5 +1,5 @@
-"""The figure and tables of docs/measurements/validation.md: python docs/validation.py OUT.png (from
-the root)."""
+"""Make the figure and tables of docs/measurements/validation.md, which compare the simulation with
+closed forms: python docs/validation.py OUT.png (from the repository's root)."""
 
 from __future__ import annotations
 
@@ -38,17 +38,18 @@ BASE = ("obliquity", "shadow_centre")
 
 
 def db(ratio: np.ndarray) -> np.ndarray:
-    """Decibels of a ratio of powers."""
+    """Return a ratio of powers in decibels."""
     return 10 * np.log10(ratio)
 
 
 def most_db(ratio: np.ndarray) -> float:
-    """The largest deviation from 1, decibels."""
+    """Return the largest deviation of power ratios from 1, decibels."""
     return float(np.abs(db(ratio)).max())
 
 
 def draw_sphere(axes: Axes) -> None:
-    """RCS of a metal sphere."""
+    """Plot the radar cross section of a metal sphere over its size ka, by facets, closed form and
+    Mie's series, and print the deviations."""
     ka = np.concatenate([np.linspace(0.2, 10, 200), np.linspace(10, 60, 400)])
     facets, closed, mie = sphere_over_ka(ka)
     axes.plot(ka, db(mie), color=EXACT, label="Mie's series")
@@ -70,7 +71,8 @@ def draw_sphere(axes: Axes) -> None:
 
 
 def draw_plate(axes: Axes) -> None:
-    """Pattern of a metal plate."""
+    """Plot the scattering pattern of a metal plate over the angle, by facets and in closed form,
+    and print the deviations."""
     degrees = np.linspace(0, 60, 481)
     (facets, exact), (even, _) = plate_over_angle(degrees), plate_over_angle(degrees, oblique=False)
     peak = exact.max()
@@ -92,7 +94,8 @@ def draw_plate(axes: Axes) -> None:
 
 
 def draw_refinement(axes: Axes) -> None:
-    """Convergence over the facets' size."""
+    """Plot how the error of the echoes falls with the size of the facets, and print the orders of
+    convergence."""
     per_wavelength = np.array([2, 4, 8, 16])
     errors = refined(tuple(per_wavelength))
     axes.loglog(1 / per_wavelength, errors, "o-", color=OURS, label="curved sheet")
@@ -110,7 +113,8 @@ def draw_refinement(axes: Axes) -> None:
 
 
 def draw_range(axes: Axes) -> None:
-    """Power over range."""
+    """Plot how the received power falls with range for a point and for balls, and print the
+    exponents."""
     range_m = np.geomspace(0.15, 9.6, 13)
     powers = power_over_range(range_m)
     for power, name, style in zip(
@@ -135,7 +139,7 @@ def draw_range(axes: Axes) -> None:
 
 
 def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
-    """The benchmark's back plate in the radar frame."""
+    """Return the back plate of the benchmark's stand as bodies in the radar frame."""
     vertices_m, faces = cuboid(plate_box_m(), 5e-3)
     return (
         Body(scene.radar_from_photo.points(vertices_m), faces, reflectivity_db=reflectivity_db),
@@ -143,7 +147,8 @@ def stand(scene: object, reflectivity_db: float) -> tuple[Body, ...]:
 
 
 def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
-    """(name, effect, scene) of what is measured on one hand."""
+    """Yield the cases that are measured on the hand of one letter, each as its name, the effect
+    that is switched, and the scene."""
     scene = load_scene(f"bench/run/benchmarks/hand_{letter}.toml")
     causes = Causes(pattern=Pattern(beamwidth_deg=60.0))
     hand = replace(
@@ -169,15 +174,16 @@ def cases(letter: str) -> Iterator[tuple[str, str, EchoScene]]:
 
 
 def calibration_target() -> tuple[str, str, EchoScene]:
-    """The same of the benchmark's balls in foam."""
+    """Return the case that is measured on the calibration target, balls in foam: its name, the
+    effect that is switched, and the scene."""
     scene = echo_scene(load_scene("bench/run/benchmarks/target.toml"))
     scene = replace(scene, frequencies_hz=TONES_HZ, time_s=np.zeros(3), room=())
     return "foam of the balls", "dielectric", scene
 
 
 def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
-    """Mean and median |change| of the 3-FSK depth map by the effect, over pixels on target with and
-    without it."""
+    """Return mean and median of the absolute change, mm, that an effect causes in the depth map of
+    3-FSK, over the pixels that have a depth both with and without it."""
     fsk = method("3fsk")
     config, depths = fsk.configure({}, "docs/validation.py"), []
     base = tuple(
@@ -194,7 +200,7 @@ def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
 
 
 def main(picture: Path) -> None:
-    """Draw the figure and print the tables."""
+    """Draw the figure to the file `picture`, and print the tables."""
     figure, axes = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
     for panel, draw in zip(
         axes.flat, (draw_sphere, draw_plate, draw_refinement, draw_range), strict=True

@@ -1,4 +1,5 @@
-"""Ground truth: photographs to a metric mesh, and the mesh's depth on the radar's grid."""
+"""Ground truth: reconstruct a metric mesh from photographs, and compute its depth on the radar's
+pixel grid."""
 
 import sys
 from types import ModuleType
@@ -6,8 +7,11 @@ from typing import Any
 
 
 class _GroundTruth(ModuleType):
-    """The package, callable for compatibility: `handbench.groundtruth(photos)` was a function in
-    version 0.2."""
+    """The package `groundtruth` as a module that can also be called.
+
+    In version 0.2, `handbench.groundtruth(photos)` was a function that reconstructs a mesh; a call
+    of the module still does that.
+    """
 
     def __call__(self, *args: Any, **options: Any) -> Any:
         return sys.modules["handbench"].reconstruct_mesh(*args, **options)

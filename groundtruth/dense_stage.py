@@ -1,4 +1,5 @@
-"""The second stage of a reconstruction: registered photographs → depth maps → one fused cloud."""
+"""The second stage of a reconstruction: from registered photographs to one fused cloud of points,
+by depth maps."""
 
 from pathlib import Path
 from typing import Any
@@ -25,9 +26,12 @@ COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
     """Run the dense stage: compute the depth maps of the photographs that the sparse stage
-    registered, fuse them, and write the cloud (CLOUD) and the reconstructed box (VOLUME) into
-    `folder`. photos: folder of the photographs; options: those of DenseOptions; sparse: folder that
-    the sparse stage wrote."""
+    registered, and fuse them to a cloud of points.
+
+    The cloud (cloud.npz) and the reconstructed box (volume.json) are written into `folder`. photos:
+    folder of the photographs. options: fields of DenseOptions. sparse: folder that the sparse stage
+    wrote.
+    """
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
@@ -52,8 +56,12 @@ def dense_cloud(
     options: DenseOptions,
     box_m: np.ndarray | None = None,
 ) -> Cloud:
-    """Compute the fused cloud of registered photographs, without outliers, at the quality in the
-    options. box_m [2, 3]: region of interest in the mesh's frame (None: everything)."""
+    """Compute the fused cloud of registered photographs, with outliers removed, at the quality set
+    in the options.
+
+    sparse: their cameras and points. box_m [2, 3]: region of interest in the mesh's frame (None:
+    everything).
+    """
     return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
@@ -64,8 +72,9 @@ def _fused(
     box_m: np.ndarray | None,
     effort: Effort,
 ) -> Cloud:
-    """Compute the depth maps of registered photographs with the given effort (resolution and
-    iterations), and fuse them to the points on which they agree."""
+    """Compute the depth maps of registered photographs and fuse them to a cloud. effort: resolution
+    and number of iterations. box_m [2, 3]: region of interest in the mesh's frame (None:
+    everything)."""
     masks = Masks(
         {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
     )

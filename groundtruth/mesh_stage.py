@@ -1,4 +1,5 @@
-"""The last stage of a reconstruction: fused cloud → surface with uncertainty."""
+"""The last stage of a reconstruction: from the fused cloud of points to a surface with
+uncertainty."""
 
 from dataclasses import replace
 from itertools import product
@@ -31,9 +32,13 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
-    """Run the mesh stage: write the surface of the dense stage's cloud (MESH), the list of its
-    parts that were kept (TARGET), and the first photograph cut to the reconstructed box (VIEW) into
-    `folder`. photos: folder of the photographs; sparse, dense: folders that these stages wrote."""
+    """Run the mesh stage: reconstruct the surface of the dense stage's cloud.
+
+    Three files are written into `folder`: the surface (mesh.ply), the description of its kept and
+    removed parts (target.json), and a photograph cropped to the reconstructed box (view.jpg).
+    photos: folder of the photographs. options: fields of MeshOptions. sparse, dense: folders that
+    the sparse and the dense stage wrote.
+    """
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     found = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage"))
     box_m = found.shifted(-solved.origin_m).box()
@@ -55,10 +60,11 @@ def measured_surface(
     box_m: np.ndarray | None,
 ) -> tuple[Surface, TargetParts]:
     """Reconstruct the surface of a cloud, keep the wanted parts, and compute the standard deviation
-    of each vertex. Returns the surface and a description of the parts.
+    of each vertex.
 
-    components: which parts to keep; plane: the board's, whose points are removed (None: no board);
-    box_m [2, 3]: the surface is cut to it.
+    components: which connected parts to keep. plane: of the board, whose points are removed (None:
+    no board). box_m [2, 3]: the surface outside is removed. Returns the surface, and a description
+    of the kept and removed parts.
     """
     count = len(cloud.points_m)
     cloud = cloud if plane is None else remove_board(cloud, plane)
@@ -76,8 +82,8 @@ def measured_surface(
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
-    """Write the photograph of a camera as JPEG, cut to where it shows the box [2, 3] in the photo
-    frame (None: all of it). photos: folder of the photographs; file: to write."""
+    """Write the photograph of one camera to `file` as JPEG, cropped to the part that shows the box
+    [2, 3] in the photo frame (None: not cropped). photos: folder of the photographs."""
     from PIL import Image
 
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)

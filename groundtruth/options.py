@@ -1,4 +1,4 @@
-"""Options of `handbench groundtruth`."""
+"""Options of the command `handbench groundtruth`, which reconstructs a mesh from photographs."""
 
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
@@ -13,10 +13,10 @@ Quality = Literal["draft", "normal", "high", "thorough"]
 
 
 class Effort(NamedTuple):
-    """How much work goes into depth maps.
+    """Resolution and work of depth maps.
 
-    shrink: divisor of the photographs' resolution; iterations: of PatchMatch; thorough: sweep
-    planes in several directions, and match each view repeatedly.
+    shrink: divisor of the photographs' resolution. iterations: number of PatchMatch iterations.
+    thorough: also sweep tilted planes, and match each view repeatedly.
     """
 
     shrink: int
@@ -42,8 +42,8 @@ BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixe
 
 
 def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
-    """Predict CPU seconds and peak memory in bytes of a reconstruction from `count` photographs
-    with `megapixels` in total."""
+    """Predict the CPU time in seconds and the peak memory in bytes of a reconstruction from `count`
+    photographs with `megapixels` in total."""
     seconds = (
         PHOTO_S * count
         + PAIR_S * count * (count - 1) / 2
@@ -53,7 +53,8 @@ def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[flo
 
 
 class Distance(Config):
-    """A measured distance between the projection centres of two photographs, metres."""
+    """A measured distance in metres between the projection centres of two photographs, given by
+    name."""
 
     first: FileName
     second: FileName
@@ -63,17 +64,23 @@ class Distance(Config):
 class SparseOptions(Config):
     """Options for finding the cameras' poses and the metric scale.
 
-    cameras: file or folder of known cameras: a cameras.json, a COLMAP model's folder or Metashape's
-    XML (default: the cameras.json in the photographs' folder, if any); if all have poses, these are
-    used unchanged. intrinsics: fx, fy, cx, cy in pixels of the one camera that took all
-    photographs, without distortion. refine_poses: let the bundle adjustment change known poses.
-    refine_distortion: estimate the distortion that belongs to given intrinsics. shared_intrinsics:
-    unknown lenses are the same for all photographs of a size (True) or one for each photograph
-    (False; default: one for each camera, by EXIF data or size). model: a COLMAP model of these
-    photographs, used instead of structure from motion; if it has no points, they are triangulated.
-    metric: the poses of a COLMAP model, in `model` or `cameras`, are in metres. board: a board's
-    file (default: the board.toml in the photographs' folder, if any). distances: measured distances
-    between cameras, for the scale. unscaled: go on without a metric scale. seed: of random numbers.
+    cameras: known cameras, as a cameras.json, a COLMAP model's folder or Metashape's XML (default:
+    the cameras.json in the photographs' folder, if any). If all have poses, these are used
+    unchanged. refine_poses: let the bundle adjustment change known poses.
+
+    intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
+    distortion. refine_distortion: estimate distortion in addition to given intrinsics.
+    shared_intrinsics: how many unknown lenses are estimated: one for all photographs of a size
+    (True), one for each photograph (False), or one for each camera, told apart by EXIF data or
+    picture size (None).
+
+    model: a COLMAP model of these photographs, used instead of structure from motion; if it has no
+    points, they are triangulated. metric: True if the poses of a COLMAP model, given as `model` or
+    `cameras`, are in metres.
+
+    board: file that describes the board (default: the board.toml in the photographs' folder, if
+    any). distances: measured distances between cameras, which give the scale. unscaled: go on
+    without a metric scale. seed: of random numbers.
     """
 
     cameras: Path | None = None
@@ -92,23 +99,24 @@ class SparseOptions(Config):
 class Region(Config):
     """Options for the region that is reconstructed.
 
-    box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region of interest in the mesh's frame
-    (default: found automatically from board, cameras and sparse points); a small box saves most of
-    the time. board: the board's file (default: board.toml in the photographs' folder, if any).
+    box_m: xmin, ymin, zmin, xmax, ymax, zmax of the region in the mesh's frame (default: found from
+    board, cameras and sparse points); a small box saves most of the time. board: file that
+    describes the board (default: the board.toml in the photographs' folder, if any).
     """
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
 
     def shifted(self, by_m: np.ndarray) -> Self:
-        """Return the options in a frame in which all positions are by_m [3] larger, metres."""
+        """Return the options with the box moved by by_m [3], metres, for a frame with another
+        origin."""
         if self.box_m is None:
             return self
         return self.model_copy(update={"box_m": tuple((self.box_m + np.tile(by_m, 2)).tolist())})
 
     def box(self) -> np.ndarray | None:
-        """Return the box's lowest and highest corner [2, 3]; None if no box is given. Raises
-        HandbenchError if a lower bound is not below its upper one."""
+        """Return the lowest and highest corner [2, 3] of the box; None if no box is given. Raises
+        HandbenchError if a lower bound is not below its upper bound."""
         if self.box_m is None:
             return None
         box = np.array(self.box_m).reshape(2, 3)
@@ -123,10 +131,10 @@ class Region(Config):
 class DenseOptions(Region):
     """Options of the depth maps.
 
-    quality: resolution and effort. masks: folder with a mask of the target for each photograph.
-    mask: "colour" cuts the target out by its colours where there are no masks. dense: where depth
-    maps are computed; auto: on a CUDA device, if pycolmap can use one. seed: of PatchMatch on the
-    CPU.
+    quality: resolution and number of iterations. masks: folder with a mask of the target for each
+    photograph. mask: "colour" separates the target by its colours if there is no folder of masks.
+    dense: device that computes the depth maps; "auto": a CUDA device, if pycolmap can use one.
+    seed: of PatchMatch's random numbers on the CPU.
     """
 
     quality: Quality = "normal"
@@ -137,23 +145,28 @@ class DenseOptions(Region):
 
     @property
     def effort(self) -> Effort:
-        """Resolution and iterations of the chosen quality."""
+        """Resolution and number of iterations that belong to `quality`."""
         return EFFORT[self.quality]
 
 
 class MeshOptions(Region):
-    """Options of the surface. components: the connected parts to keep; "target": with a board,
-    those that rise above its plane on the cameras' side, without one all but tiny parts."""
+    """Options of the surface.
+
+    components: the connected parts to keep. "target" keeps the parts that rise above the board's
+    plane on the cameras' side or, without a board, all but tiny parts.
+    """
 
     components: Literal["target", "largest", "all"] = "target"
 
 
 class Options(SparseOptions, DenseOptions, MeshOptions):
-    """Options of a reconstruction: those of its three stages. Each stage receives only its own."""
+    """Options of a whole reconstruction: the union of its three stages' options, of which each
+    stage receives only its own."""
 
     def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
-        """Return one stage's options as plain values, those of the class `kind`. paths=False:
-        without files and folders, whose content is hashed instead."""
+        """Return the options of one stage as plain values by name. kind: the stage's class of
+        options. paths: False leaves out files and folders, for cache keys that have the hash of
+        their content instead."""
         wanted = {
             name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
         }

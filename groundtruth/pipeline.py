@@ -1,4 +1,4 @@
-"""Photographs to a metric mesh: three stages, each cached in a store (`support.store`)."""
+"""Reconstruction of a metric mesh from photographs, in three stages whose results are cached."""
 
 import tempfile
 from collections.abc import Callable, Iterator
@@ -34,11 +34,12 @@ SUMMARY_VERSION = 1
 
 @dataclass(frozen=True)
 class ReconstructedMesh:
-    """Result of a reconstruction: surface in the photo frame (metres, unless the scale's source is
-    "none"), fused cloud, cameras, and figures of quality.
+    """Result of a reconstruction.
 
-    photographs: number used; scale: where the metric scale comes from; volume: the reconstructed
-    box; target: the kept parts; seconds: time of each stage, by its name.
+    surface: mesh in the photo frame, in metres unless the scale's source is "none". cloud: the
+    fused points. photographs: number of photographs used. scale: where the metric scale comes from.
+    volume: the reconstructed box. target: the kept parts of the surface. seconds: time that each
+    stage took, by the stage's name.
     """
 
     surface: Surface
@@ -52,7 +53,7 @@ class ReconstructedMesh:
     seconds: dict[str, float]
 
     def summary(self) -> dict[str, object]:
-        """Return the figures of the reconstruction as plain values, for `summary.json`."""
+        """Return the statistics of the reconstruction as plain values, for `summary.json`."""
         return {
             "registered": len(self.cameras),
             "photographs": self.photographs,
@@ -78,12 +79,12 @@ def stages(
     masks: str | None = None,
     capture: str = "",
 ) -> tuple[Stage, Stage, Stage]:
-    """Define the stages sparse, dense and mesh of a reconstruction, cached in the store at `root`;
-    nothing is computed yet.
+    """Define the three stages of a reconstruction (sparse, dense and mesh) for the cache at `root`,
+    without computing anything.
 
-    Each receives only its own options, so its key contains everything it depends on. content,
-    masks: hashes of the photographs with their accompanying files, and of the masks; capture: name
-    of the photographed capture.
+    content: hashes of the photographs and of the files that belong to them. masks: hash of the
+    masks. capture: name of the capture that the photographs belong to. Each stage receives only its
+    own options, so its cache key depends on everything that it uses and on nothing else.
     """
 
     def staged(
@@ -103,10 +104,11 @@ def reconstruct(
 ) -> ReconstructedMesh:
     """Reconstruct a metric mesh from the photographs in a folder.
 
-    workdir (None: nothing is kept) receives `sparse/` (COLMAP model in the mesh's frame),
-    `dense.ply` (the fused cloud), `summary.json` (completed options, figures, seconds) and
-    `stages/`, from which a repeated or killed run goes on. Raises HandbenchError when photographs
-    are missing or broken, do not register, carry no scale, or show too little surface.
+    workdir: folder for the results (None: they are only returned). It receives `sparse/` (COLMAP
+    model in the mesh's frame), `dense.ply` (the fused points), `summary.json` (completed options,
+    statistics, seconds) and `stages/`, the cache from which a repeated or interrupted run
+    continues. Raises HandbenchError if photographs are missing or broken, cannot be registered,
+    have no scale, or show too little surface.
     """
     with _made(Path(photos), options, workdir) as (options, (solved, fused, made), seconds):
         sparse, cloud, surface = (
@@ -138,9 +140,13 @@ def reconstruct(
 def reconstruct_cloud(
     photos: str | Path, options: Options, workdir: str | Path | None = None
 ) -> Cloud:
-    """Reconstruct only the fused cloud from the photographs in a folder, without a surface. workdir
-    receives `stages/`, from which a repeated or killed run goes on. Raises HandbenchError as
-    `reconstruct` does."""
+    """Reconstruct only the fused cloud of points from the photographs in a folder, without a
+    surface.
+
+    workdir: folder that receives `stages/`, the cache from which a repeated or interrupted run
+    continues (None: nothing is kept). Raises HandbenchError if photographs are missing or broken,
+    cannot be registered, have no scale, or show too little surface.
+    """
     with _made(Path(photos), options, workdir, count=2) as (_, (_, fused), _):
         return Cloud.load(fused / CLOUD)
 
@@ -149,9 +155,11 @@ def reconstruct_cloud(
 def _made(
     photos: Path, options: Options, workdir: str | Path | None, count: int = 3
 ) -> Iterator[tuple[Options, list[Path], dict[str, float]]]:
-    """Run the first `count` stages of a reconstruction, or take them from the cache. Yields the
-    completed options, the stages' folders (valid within the `with` statement) and the seconds that
-    each took, by its name."""
+    """Run the first `count` stages of a reconstruction, or take their results from the cache.
+
+    Yields the completed options, the stages' folders in order, and the seconds that each stage
+    took, by its name. Without a workdir, the folders exist only within the `with` statement.
+    """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         root = Path(scratch if workdir is None else workdir) / "stages"
         inputs, options = resolve(photos, options)

@@ -1,4 +1,5 @@
-"""The first stage of a reconstruction: photographs → cameras and points in the metric frame."""
+"""The first stage of a reconstruction: from photographs to cameras and points in the metric
+frame."""
 
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,12 @@ PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 
 
 def make(folder: Path, photos: str, options: dict[str, Any]) -> None:
-    """Run the sparse stage: find the cameras of the photographs in a folder, and write model, scale
-    and covariance, and the list of the photographs used, into `folder`. options: those of
-    SparseOptions. Raises HandbenchError for inputs that cannot be reconstructed, before the work
-    starts."""
+    """Run the sparse stage: find the cameras of the photographs in the folder `photos`.
+
+    COLMAP model, scale and covariance, and the list of the photographs used, are written into
+    `folder`. options: fields of SparseOptions. Raises HandbenchError, before the work starts, for
+    inputs that cannot be reconstructed.
+    """
     inputs, chosen = gather(Path(photos), parse(SparseOptions, options, "groundtruth"))
     register(inputs, chosen).save(folder)
     write_json(folder / PHOTOGRAPHS, [photo.name for photo in inputs.photos])

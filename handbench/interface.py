@@ -1,5 +1,5 @@
-"""The functions and objects of `import handbench`: captures, depth maps and scores, and the
-commands as functions."""
+"""The public Python interface, `import handbench`: objects for captures, depth maps and scores, and
+functions that do what the commands do."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ File = str | Path
 
 
 def load(path: File) -> Capture | Depth | Surface | Transform | Result:
-    """Read what is at a path, as the object that fits its kind.
+    """Read a file or folder, and return it as the object that fits its content.
 
     Args:
         path: a capture folder (handbench's, MAROON's, or one with a mapping.toml), a result folder,
@@ -89,19 +89,20 @@ class Capture:
 
     @cached_property
     def echoes(self) -> RadarCapture:
-        """The radar samples of all frames, read on first use: `.samples` complex64 [frame,
+        """The radar samples of all frames, read at the first use: `.samples` complex64 [frame,
         frequency, tx, rx], `.frequencies_hz` [frequency], and `.aperture` with the antennas `tx_m`
         [tx, 3] and `rx_m` [rx, 3] in the radar's frame."""
         return self._recorded.echoes()
 
     @property
     def photos(self) -> Path | None:
-        """The folder of its photographs; None if there are none."""
+        """The folder of the capture's photographs; None if there are none."""
         return self._recorded.photos
 
     @property
     def truth(self) -> Path | None:
-        """The file of the true surface, in the radar's frame; None if it is not known."""
+        """The file of the true surface, in the radar's frame; None if the true surface is not
+        known."""
         return self._recorded.truth
 
     @property
@@ -111,7 +112,8 @@ class Capture:
 
     @property
     def transform(self) -> Transform | None:
-        """The transform that carries `mesh` into the radar's frame; None if there is none."""
+        """The transform from the photographs' frame to the radar's frame, which moves `mesh` there;
+        None if there is none."""
         return self._recorded.transform()
 
     def reconstruct(self, method: str = "3fsk", frame: int = 0, **settings: Any) -> Depth:
@@ -148,10 +150,11 @@ class Capture:
 
 
 class Plottable:
-    """An object that `plot` draws as a figure, which notebooks show by themselves."""
+    """Base class of objects that `plot` draws as a figure. A notebook shows this figure for an
+    object that is the result of a cell."""
 
     def plot(self, file: File | None = None) -> Figure:
-        """Draw this object as seen from the array: x grows to the left.
+        """Draw this object as seen from the array, so that x grows to the left.
 
         Args:
             file: also write the figure here (.png, .pdf, .svg); an existing file is replaced.
@@ -176,13 +179,13 @@ class Plottable:
 
 
 class Depth(Plottable):
-    """A depth map: pixel centres x_m [nx], y_m [ny], depths z_m [ny, nx] (NaN where no surface was
-    seen) and amplitude_db [ny, nx], in the radar's frame. All attributes of `DepthMap` can be read
-    here too.
+    """A depth map in the radar's frame: pixel centres x_m [nx], y_m [ny], metres; depths z_m [ny,
+    nx], metres, NaN where no surface was observed; and amplitudes amplitude_db [ny, nx]. It has all
+    attributes of `DepthMap`.
 
     Args:
         map: the depth map as `DepthMap`.
-        capture: the capture that it was imaged from; `evaluate` takes its surface.
+        capture: the capture that was imaged; `evaluate` compares the map with its surface.
     """
 
     def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
@@ -207,7 +210,7 @@ class Depth(Plottable):
         """Write the depth map to a file.
 
         Args:
-            file: its .npz, described in docs/files.md; an existing file is replaced.
+            file: path of the .npz file, described in docs/files.md; an existing file is replaced.
         """
         self.map.save(file)
 
@@ -235,8 +238,9 @@ class Depth(Plottable):
         return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
 
     def to_xarray(self) -> xr.Dataset:
-        """Return z_m, amplitude_db and all other maps as a Dataset of xarray over y_m and x_m.
-        Raises HandbenchError if xarray, which is no dependency, is not installed."""
+        """Return z_m, amplitude_db and all other maps [ny, nx] as a Dataset of xarray, with the
+        coordinates y_m and x_m.
+        Raises HandbenchError if xarray, which handbench does not require, is not installed."""
         try:
             import xarray as xr
         except ImportError as error:
@@ -259,13 +263,13 @@ class Depth(Plottable):
         transform: Transform | File | None = None,
         protocol: str = "paper",
     ) -> Score:
-        """Compare the depth map with a surface. Without a mesh this is the surface of the capture
-        that the map was imaged from: the true one or, if that is unknown, the measured one.
+        """Compare the depth map with a surface. Without a mesh, this is the surface of the capture
+        that was imaged: the true one or, if that is unknown, the measured one.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
-            transform: carries the mesh into the radar's frame (an object, or its .json); None: the
-                mesh is there already, or the capture has the transform of its own mesh.
+            transform: moves the mesh into the radar's frame (an object, or its .json file); None:
+                the mesh is in that frame already, or the capture has the transform of its mesh.
             protocol: which pixels are scored, and how: "paper", or "maroon", which scores the
                 pixels of the capture's own mask.
 
@@ -273,8 +277,7 @@ class Depth(Plottable):
             The metrics by name, and the map of signed errors.
 
         Raises:
-            HandbenchError: there is no mesh, or nothing that carries the capture's own to the
-                radar.
+            HandbenchError: there is no mesh, or no transform for the capture's own mesh.
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
@@ -340,18 +343,18 @@ class Score(Plottable):
 
 
 def methods() -> dict[str, str]:
-    """Return all imaging methods: id → a line on what the method does."""
+    """Return all imaging methods: id → one line of text that describes the method."""
     from handbench.radar.methods.registry import methods as registered
 
     return {method.id: method.summary for method in registered()}
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:
-    """Simulate the radar echoes of a scene, with the photographs that it asks for, and write them
-    as a capture.
+    """Simulate the radar echoes of a scene, and the photographs if the scene has any, and write
+    them as a capture.
 
     Args:
-        scene: the scene's .toml.
+        scene: the scene file (.toml).
         folder: where the capture is written.
         frames: how many frames, which differ in their noise.
         overwrite: whether an existing capture may be replaced.
@@ -360,7 +363,7 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
         The capture.
 
     Raises:
-        HandbenchError: the folder exists and may not be replaced, or is no capture.
+        HandbenchError: the folder exists and may not be replaced, or is not a capture.
     """
     from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
     from handbench.bench.scenes.build import load_scene
@@ -401,8 +404,8 @@ def reconstruct_mesh(
 
 
 def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int = 0) -> Transform:
-    """Find the transform from the photographs' frame to the radar's, from captures of a calibration
-    target that both see.
+    """Compute the transform from the photographs' frame to the radar's frame, from captures of a
+    calibration target that both sensors see.
 
     Args:
         captures: one or several captures of the same target.

@@ -1,5 +1,8 @@
-"""Compilation of the kernels before anything is timed: some twenty seconds, once per machine; later
-runs read numba's cache."""
+"""Compilation of all numba kernels before anything is timed.
+
+It takes about twenty seconds, once per machine; later runs load the compiled code from numba's
+cache.
+"""
 
 import numpy as np
 
@@ -9,8 +12,12 @@ from handbench.support.compiled import compile_once
 
 
 def compile_kernels(load: bool = True) -> None:
-    """Compile the kernels that are not cached yet, and run each on a tiny input to load it, so that
-    measured times contain neither."""
+    """Compile all kernels that numba has not cached yet, so that later measured times contain no
+    compilation.
+
+    load: also run each kernel on a tiny input, so that measured times do not contain its loading
+    from the cache either.
+    """
     compile_once("handbench.radar.warmup", gather, scatter)
     if load:
         _run_every_kernel()

@@ -1,1 +1,1 @@
-"""Reports: tables, figures and HTML from result folders."""
+"""Reports made from result folders: tables, figures and HTML pages, and drawings to print."""

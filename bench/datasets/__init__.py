@@ -1,1 +1,1 @@
-"""Adapters to data sets: each reads one form of captures and can write it as a capture folder."""
+"""Data sets: each module reads captures of one format, or converts them to capture folders."""

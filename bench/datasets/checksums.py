@@ -1,5 +1,8 @@
-"""Checksums of a set of captures: SET/captures/NAME/FILE → a line of SET/checksums.txt, as
-`sha256sum -c` reads it."""
+"""Checksums of a set of captures.
+
+The set's folder has one folder for each capture, captures/NAME, and a file checksums.txt with a
+SHA-256 checksum for every file of its captures, in the format of `sha256sum -c`.
+"""
 
 import hashlib
 import os
@@ -15,14 +18,15 @@ LINE = re.compile(r"([0-9a-f]{64}) [ *](?:\./)?(.+)")
 
 
 def write_checksums(folder: Path) -> None:
-    """Write checksums.txt into a set's folder: the checksums of the files of all its captures."""
+    """Write checksums.txt into a set's folder, with the SHA-256 checksums of all files of its
+    captures."""
     sums = _sums(folder, folder / CAPTURES)
     write_text(folder / CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in sums.items()))
 
 
 def require_unchanged(path: Path) -> None:
-    """Raise a HandbenchError if a capture's folder, or one of its files, differs from the checksums
-    of the set that contains the capture. Does nothing if there are none."""
+    """Compare a capture's folder, or one file of a capture, with the checksums of the set that
+    contains it. Raises HandbenchError if they differ; does nothing if the set has no checksums."""
     path = Path(os.path.abspath(path))
     sets = (above.parent for above in path.parents[:2] if above.name == CAPTURES)
     folder = next((each for each in sets if (each / CHECKSUMS).is_file()), None)
@@ -50,9 +54,12 @@ def require_unchanged(path: Path) -> None:
 
 
 def listed_captures(folder: Path) -> list[str]:
-    """Return the names of the captures in a set's folder that its checksums list, without the
-    captures that somebody added; all of them while there are no checksums yet. Raises a
-    HandbenchError if a listed capture has a file that is not listed."""
+    """Return the names of the captures in a set's folder that its checksums.txt lists; if the set
+    has no checksums yet, of all captures.
+
+    Captures that somebody added later are left out. Raises HandbenchError if a listed capture has a
+    file that is not listed.
+    """
     there = sorted(path.name for path in (folder / CAPTURES).iterdir())
     if not (folder / CHECKSUMS).is_file():
         return there
@@ -67,7 +74,8 @@ def listed_captures(folder: Path) -> list[str]:
 
 
 def _sums(folder: Path, below: Path) -> dict[str, str]:
-    """SHA-256 of a file in a folder, or of every file below one, by the file's path in `folder`."""
+    """Compute the SHA-256 checksum of the file `below`, or of every file in that folder. Returns
+    the checksums by the file's path relative to `folder`."""
     sums = {}
     for path in sorted(path for path in (below, *below.rglob("*")) if path.is_file()):
         with path.open("rb") as stream:

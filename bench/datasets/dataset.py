@@ -1,5 +1,4 @@
-"""Captures of any data set through one interface: the files in a folder decide which adapter reads
-it."""
+"""One way to open captures of any data set: the files in a folder decide which class reads it."""
 
 import shutil
 from collections.abc import Sequence
@@ -40,9 +39,12 @@ DEPTH = 3  # folders below a data set's root in which captures are looked for
 
 
 def open_capture(path: str | Path) -> NativeCapture:
-    """Open the capture in a folder, of whatever data set; the files in it decide how it is read.
-    A MAROON capture's path may end in @emptyfiltered: its frames without the empty room. Raises
-    HandbenchError if the folder is no capture; the message lists the files it expected."""
+    """Open the capture in a folder, of any data set; the files in the folder decide how it is read.
+
+    The path of a MAROON capture may end in @emptyfiltered, which selects the frames from which the
+    empty room was subtracted. Raises HandbenchError if the folder is not a capture; the message
+    lists the files that were expected.
+    """
     path = Path(path)
     asked = path.name.endswith(AT_EMPTY_FILTERED)
     folder = require_folder(
@@ -69,11 +71,13 @@ def _adapter(folder: Path) -> type[NativeCapture] | None:
 def captures(
     root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()
 ) -> list[Path]:
-    """Find the folders of captures below a data set's root: a sorted list.
-    Folders are named ROOT/OBJECT or ROOT/OBJECT/DISTANCE; objects, distances: keep only these
-    (empty: all). Left out are the captures with which MAROON registers its sensors, and rooms
-    without an object, which have no metadata.json. Raises HandbenchError for a missing object and
-    when nothing is left."""
+    """Find the folders of all captures below a data set's root, and return them sorted.
+
+    Folders are named ROOT/OBJECT or ROOT/OBJECT/DISTANCE. objects, distances: keep only these
+    (empty: all). Two kinds of MAROON folders are left out: captures that register its sensors, and
+    captures of rooms without an object, which have no metadata.json. Raises HandbenchError if an
+    object does not exist, or if no capture is left.
+    """
     root = require_folder(root, "a data set")
     found = sorted(
         _below(root, DEPTH),
@@ -112,7 +116,8 @@ def _below(folder: Path, depth: int) -> list[Path]:
 
 
 def _in_order(name: str) -> tuple[int, str]:
-    """Sort key that puts 30 before 100, and numbers before names."""
+    """Return a sort key for a folder's name that puts 30 before 100, and numbers before other
+    names."""
     return (int(name), name) if name.isdecimal() else (10**9, name)
 
 
@@ -121,10 +126,14 @@ IMPORTED = (DESCRIPTION, ECHOES, MESH, TRUTH, TRANSFORM, f"{PHOTOS}/*")
 
 
 def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
-    """Write a capture of another form as a capture folder of handbench, all or nothing.
-    kind: "maroon" or "mapping". path: the capture; folder: the one to make. It gets the echoes of
-    all frames, the measured mesh or else the photographs, the transform, the true surface and the
-    description. Raises HandbenchError if the capture is of another kind, or mirrored."""
+    """Convert a capture of another format to a capture folder, which appears complete or not at
+    all.
+
+    kind: format of the capture, "maroon" or "mapping". path: the capture. folder: the folder to
+    make. It receives the echoes of all frames, the measured mesh (without one, the photographs),
+    the transform, the true surface and the description, as far as the capture has them. Raises
+    HandbenchError if the capture has another format, or if its transform contains a reflection.
+    """
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
         raise HandbenchError(

@@ -1,9 +1,10 @@
-"""The real 22–26 GHz raster scan of a foam panel by one transceiver, as a capture folder.
+"""Import of a real raster scan of a foam panel, 22–26 GHz with one transceiver, as a capture
+folder.
 
-The file has six arrays one after another: data uint16 [Q, I; tone; x; y], first and last frequency,
-number of tones, step along x and y, and distance. The mean of each tone over the scan is removed
-(leakage, which does not move with the scan), the tone's phase correction is added, and E = I − jQ
-focuses with e^{+jkR}, as everywhere in handbench.
+Its file has six arrays in sequence: data uint16 [Q or I, tone, x, y], first frequency, last
+frequency, number of tones, step along x and y, and distance. The mean of each tone over the scan is
+subtracted (leakage, which is the same at all positions), and the tone's phase correction is added.
+The echo is E = I − jQ, which is focused by e^{+jkR}, as all echoes in handbench.
 """
 
 import warnings
@@ -30,7 +31,7 @@ MOST_TONES, LARGEST = 100_000, 1e13
 
 def import_planar_scan(source: str | Path, folder: str | Path) -> None:
     """Convert the raster scan in SOURCE/scan.npy, with the phase correction in SOURCE/phase.txt, to
-    a capture folder. Raises HandbenchError for files of another form."""
+    a capture folder. Raises HandbenchError for files of another format."""
     source = require_folder(source, "scan.npy and phase.txt")
     data, *settings = _read_arrays(source / "scan.npy")
     frequencies_hz, step_m = _settings(source / "scan.npy", *settings[:4])
@@ -72,8 +73,8 @@ def _read_arrays(path: Path) -> list[np.ndarray]:
 def _settings(
     path: Path, first_hz: np.ndarray, last_hz: np.ndarray, count: np.ndarray, step_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the scan's frequencies [f], Hz, and its steps along x and y [2], metres. Raises
-    HandbenchError for implausible numbers; path: named in the message."""
+    """Return the scan's frequencies [f] in Hz, and its steps [2] along x and y in metres. path: the
+    file, named in messages. Raises HandbenchError for implausible numbers."""
     numbers = first_hz, last_hz, count, step_m
     good = all(
         n.dtype.kind in "iuf" and n.size in (1, 2) and (n > 0).all() and (n < LARGEST).all()
@@ -114,7 +115,8 @@ def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
-    """Scan positions [x·y, 3], centred, in the order of the data."""
+    """Compute the scan's positions [x·y, 3], metres, centred at the origin and in the order of the
+    data. shape: number of positions along x and y; step_m: distances between them."""
     axes = [(np.arange(n) - (n - 1) / 2) * step for n, step in zip(shape, step_m, strict=True)]
     x, y = np.meshgrid(*axes, indexing="ij")
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
@@ -123,8 +125,9 @@ def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
 def _description(
     frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray
 ) -> CaptureFile:
-    """Make the capture's description, with method settings for this sensor's tones and aperture.
-    shape: number of positions along x and y; step_m: their distances."""
+    """Make the capture's description, with settings of each method that suit this sensor's tones
+    and aperture. shape: number of positions along x and y; step_m: distances between them,
+    metres."""
     lateral = {
         axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
         for axis, n, step in zip("xy", shape, step_m.tolist(), strict=True)

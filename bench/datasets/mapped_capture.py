@@ -1,5 +1,5 @@
-"""Captures whose echoes are in another program's HDF5 or MATLAB file; a `mapping.toml` next to it
-names the data sets."""
+"""Captures with echoes in an HDF5 or MATLAB file of another program. A `mapping.toml` next to the
+file says which data sets of the file contain what, and how they are laid out."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -35,11 +35,13 @@ Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is
 
 
 class GainsMapping(Config):
-    """Where complex numbers are in another program's file, and how they are laid out; by itself,
-    the channels' gains, by which samples are divided.
-    dataset, or real and imag: names of data sets in the file. axes: in the order of the program
-    that wrote the file. reversed: the file has the opposite order, as MATLAB's files do, since
-    MATLAB stores arrays by column."""
+    """Names and layout of the data sets with the gains of the channels, by which samples are
+    divided; the base of the description of any complex numbers in another program's file.
+
+    dataset: name of one data set of complex numbers; or real and imag: names of two data sets.
+    axes: in the order of the program that wrote the file. reversed: True if the file stores the
+    axes in the opposite order, as MATLAB's files do.
+    """
 
     dataset: InFile | None = None
     real: InFile | None = None
@@ -49,13 +51,13 @@ class GainsMapping(Config):
 
     @property
     def datasets(self) -> list[str]:
-        """The names of the data sets: one of complex numbers, or those of the real and the
-        imaginary parts."""
+        """Names of the data sets: one of complex numbers, or two of the real and imaginary
+        parts."""
         return [name for name in (self.dataset, self.real, self.imag) if name is not None]
 
     @property
     def channels(self) -> set[str]:
-        """The axes that count antennas, pairs or positions."""
+        """The axes that count channels: "tx" and "rx", "pair", or "position"."""
         return {str(axis) for axis in self.axes} - {"frame", "sweep", "frequency", RE_IM}
 
     @model_validator(mode="after")
@@ -75,9 +77,12 @@ class GainsMapping(Config):
 
 
 class SamplesMapping(GainsMapping):
-    """Where the echoes are in another program's file, and how they are laid out.
-    sign: the sign of j2πf·path/v in the exponent of an echo, and of its gain. sweeps: whether the
-    sweeps of a frame are averaged ("mean") or become frames."""
+    """Names and layout of the data sets with the echoes in another program's file.
+
+    sign: sign of j2πf·path/v in the exponent of an echo with wave speed v, and in that of the
+    gains. sweeps: whether the sweeps of a frame are averaged ("mean") or each becomes a frame
+    ("frames").
+    """
 
     sign: Literal["-", "+"]
     sweeps: Literal["mean", "frames"] | None = None
@@ -94,16 +99,20 @@ class SamplesMapping(GainsMapping):
 
 
 class FrequenciesMapping(Config):
-    """Data set of the tones [f]."""
+    """Name and unit of the data set with the frequencies [f] in another program's file."""
 
     dataset: InFile
     unit: Literal["Hz", "kHz", "MHz", "GHz"]
 
 
 class PositionsMapping(Config):
-    """Where the antennas' positions [n, 3] (x, y, z) are in the file.
-    reversed: the file has the axes in opposite order, as MATLAB's files do. x: the direction of
-    their x axis for somebody at the array who looks at the target (handbench's points left)."""
+    """Name, unit and layout of a data set with antenna positions [n, 3] (x, y, z) in another
+    program's file.
+
+    reversed: True if the file stores the axes in the opposite order, as MATLAB's files do. x:
+    direction of the file's x axis for somebody at the array who looks at the target; handbench's x
+    axis points left.
+    """
 
     dataset: InFile
     unit: Literal["m", "cm", "mm"]
@@ -112,9 +121,12 @@ class PositionsMapping(Config):
 
 
 class PairsMapping(Config):
-    """Where the list of measured pairs [n, 2] (transmitter, receiver) is in the file.
-    reversed: the file has the axes in opposite order, as MATLAB's files do. first: the number of
-    the first antenna, which is 1 in MATLAB."""
+    """Name and layout of the data set with the measured pairs of antennas [n, 2] (transmitter,
+    receiver) in another program's file.
+
+    reversed: True if the file stores the axes in the opposite order, as MATLAB's files do. first:
+    number of the first antenna, 0 or (in MATLAB) 1.
+    """
 
     dataset: InFile
     reversed: bool
@@ -122,8 +134,8 @@ class PairsMapping(Config):
 
 
 class ArrayMapping(Config):
-    """Data sets of one array: its echoes, its antennas' positions, the measured pairs, and the
-    gains."""
+    """Names and layouts of all data sets of one antenna array: echoes, positions of the antennas,
+    measured pairs, and gains."""
 
     samples: SamplesMapping
     tx: PositionsMapping | None = None
@@ -134,7 +146,7 @@ class ArrayMapping(Config):
 
     @property
     def datasets(self) -> list[str]:
-        """All data sets that the table names."""
+        """Names of all data sets that belong to this array."""
         tables = [self.tx, self.rx, self.position, self.pairs]
         complexes = [self.samples, self.gains]
         return [t.dataset for t in tables if t] + [
@@ -159,8 +171,12 @@ class ArrayMapping(Config):
 
 
 class Mapping(ArrayMapping):
-    """The content of `mapping.toml`. capture: the keys of a `capture.toml`; array: further arrays,
-    whose receivers record only their own transmitters."""
+    """The content of a `mapping.toml`.
+
+    file: the HDF5 or MATLAB file. capture: description of the capture, with the keys of a
+    `capture.toml`. array: further antenna arrays, whose receivers record only their own
+    transmitters.
+    """
 
     version: Literal[1]
     file: InFile
@@ -173,28 +189,31 @@ class Mapping(ArrayMapping):
 
 @dataclass(frozen=True)
 class MappedCapture(NativeCapture):
-    """A folder with a `mapping.toml`; mesh, photographs and transform are as in a capture
-    folder."""
+    """A capture in a folder with a `mapping.toml`, which describes an HDF5 or MATLAB file with the
+    echoes. Mesh, photographs and transform are stored as in handbench's own capture folders."""
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """True if this adapter reads the capture in `folder`."""
+        """Tell whether `folder` has a `mapping.toml`, so that this class can read it."""
         return (folder / MAPPING).is_file()
 
     @cached_property
     def mapping(self) -> Mapping:
-        """The content of its mapping.toml."""
+        """The content of the capture's mapping.toml."""
         return load(Mapping, self.folder / MAPPING, "a mapping of an HDF5 or MATLAB file")
 
     @property
     def about(self) -> CaptureFile:
-        """The description of the capture."""
+        """The description of the capture, from its mapping.toml."""
         return self.mapping.capture
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Read the echoes of the first `frames` frames, or of all, as recorded.
-        Gains that the mapping names are always applied, and `calibrated` has no effect. Raises
-        HandbenchError for a file that does not fit its mapping."""
+        """Read the echoes of the first `frames` frames (None: all).
+
+        Gains in the mapping are always applied. calibrated: apply the capture's corrections
+        (`corrections.json`), too, and print a line about them. Raises HandbenchError if the file
+        does not agree with its mapping.
+        """
         mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
         path = require_file(
             inside(self.folder, mapping.file, MAPPING),
@@ -211,7 +230,8 @@ class MappedCapture(NativeCapture):
                 capture = join_arrays(
                     [_recording(of, mapping, array).capture() for array in arrays]
                 )
-            return replace(capture, samples=capture.samples[:frames])
+            capture = replace(capture, samples=capture.samples[:frames])
+            return self._corrected(capture) if calibrated else capture
         except HandbenchError as error:
             raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
@@ -223,8 +243,11 @@ class MappedCapture(NativeCapture):
 
 @contextmanager
 def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """Open the file and yield a function that reads one of its data sets by name.
-    wanted: names that must be there; HandbenchError lists those that are missing."""
+    """Open an HDF5 or MATLAB file, and yield a function that reads one of its data sets by name.
+
+    wanted: names of the data sets that the file must have. Raises HandbenchError with the names of
+    those that are missing.
+    """
     import h5py
 
     matlab = not h5py.is_hdf5(path)
@@ -246,7 +269,8 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
 
 
 def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
-    """Read one array of the mapping."""
+    """Read the echoes, antenna positions, measured pairs and gains of one array. of: function that
+    reads a data set of the file by name."""
     frequencies_hz = _real(of, mapping.frequencies.dataset)
     if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
         # MATLAB's have an axis of one more
@@ -286,8 +310,9 @@ def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
 
 
 def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what: str) -> np.ndarray:
-    """Read a data set of real numbers [n, columns]. what: for the message, if it has another
-    shape."""
+    """Read a data set of real numbers [n, columns]. of: function that reads a data set by name;
+    entry: its name and layout; what: description of its content for the message if its shape is
+    wrong."""
     stored = _real(of, entry.dataset)
     if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
         expected = (
@@ -298,9 +323,13 @@ def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what:
 
 
 def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarray:
-    """Read complex numbers, with their axes in the order of ORDER; an axis that the file lacks is
-    left out.
-    counts: axis → its expected length, if known."""
+    """Read an array of complex numbers. of: function that reads a data set by name; entry: names
+    and layout of the data sets; counts: expected length of each axis, where known.
+
+    The axes of the result are in handbench's order (frame, sweep, frequency, tx, rx, pair,
+    position), without those that the file lacks. Raises HandbenchError if an axis has another
+    length.
+    """
     axes: tuple[str, ...] = entry.axes[::-1] if entry.reversed else entry.axes
     parts = {name: of(name) for name in entry.datasets}
     if entry.reversed:  # MATLAB has no last axes of length one
@@ -323,8 +352,8 @@ def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarra
 
 
 def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
-    """Join real and imaginary parts to complex numbers. parts: name → data set, one or two; axes:
-    of these arrays, in order."""
+    """Combine real and imaginary parts to complex numbers. parts: one or two data sets by name;
+    axes: names of their axes in order, where "re_im" is an axis of length two with both parts."""
     if len(parts) == 2 or RE_IM in axes:
         given = [_require_real(name, values) for name, values in parts.items()]
         real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)

@@ -1,5 +1,5 @@
-"""MAROON (Wirth et al. 2024, arXiv 2411.00527), read from its own folders. One object at
-one distance is a capture.
+"""Captures of the data set MAROON (Wirth et al. 2024, arXiv 2411.00527), read from its own folders.
+One object at one distance is a capture.
 
     OBJECT/30/  metadata.json  alignment.json
                 radar_72.0_82.0_128/  calibration.json
@@ -7,8 +7,9 @@ one distance is a capture.
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
                 kinect/ realsense/ zed/  calibration.json  depth/  mask/ …
 
-Their radar frame is ours with x negated, or ours where `bench.datasets.maroon_alignment` finds so:
-boxes are turned here, transforms there, and the antennas stay where they are.
+MAROON's radar frame is handbench's with x negated, or equal to it where
+`bench.datasets.maroon_alignment` finds so. Boxes are converted here, transforms there; the antennas
+need no conversion.
 """
 
 import re
@@ -65,8 +66,11 @@ RADAR_KERNEL = 4
 
 
 class Metadata(Config, extra="ignore"):
-    """The part of `metadata.json` that is read. mask_bb: bounds in their radar frame, metres, under
-    xmin … zmax; handbench_echo_scale: what exports of version 0.2 multiplied the echoes by."""
+    """The used part of a capture's `metadata.json`.
+
+    mask_bb: bounds of the scored box in MAROON's radar frame, metres, under the keys xmin to zmax.
+    handbench_echo_scale: factor by which handbench 0.2 multiplied the echoes that it exported.
+    """
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)
@@ -78,19 +82,20 @@ class Metadata(Config, extra="ignore"):
 
 @dataclass(frozen=True)
 class MaroonCapture(NativeCapture):
-    """One object at one distance, from MAROON. empty_filtered: use the frames from which the empty
-    room was subtracted."""
+    """One object at one distance, from the data set MAROON. empty_filtered: True to use the frames
+    from which the empty room was subtracted."""
 
     empty_filtered: bool = False
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """True if this adapter reads the capture in `folder`."""
+        """Tell whether `folder` has MAROON's radar data (radar_*/calibrated_data), so that this
+        class can read it."""
         return any((radar / FRAMES).is_dir() for radar in folder.glob("radar_*"))
 
     @cached_property
     def metadata(self) -> Metadata:
-        """The content of its metadata.json; all fields are empty without one."""
+        """The content of the capture's metadata.json; default values if there is no such file."""
         return parse(
             Metadata,
             read_table(self.folder / METADATA, f"MAROON's {METADATA}"),
@@ -99,8 +104,8 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def about(self) -> CaptureFile:
-        """Its description, named OBJECT-DISTANCE, with the box of calibration.json as the methods'
-        image."""
+        """The description of the capture, named OBJECT-DISTANCE. The methods' images cover the box
+        in MAROON's calibration.json."""
         folder = self.folder.resolve()
         name = re.sub("_{2,}", "_", f"{folder.parent.name}-{folder.name}").lstrip(".")
         facts = {
@@ -114,7 +119,7 @@ class MaroonCapture(NativeCapture):
 
     @property
     def radar(self) -> Path:
-        """The folder of the radar's data."""
+        """The folder of the radar's data. Raises HandbenchError unless there is exactly one."""
         found = sorted(radar for radar in self.folder.glob("radar_*") if (radar / FRAMES).is_dir())
         if len(found) != 1:
             raise HandbenchError(
@@ -125,9 +130,13 @@ class MaroonCapture(NativeCapture):
         return found[0]
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Read the echoes of the first `frames` frames, or of as many as the first frame states.
-        MAROON's echoes are always calibrated, so that `calibrated` has no effect. The result also
-        has the other sensors that alignment.json names."""
+        """Read the echoes of the first `frames` frames (None: as many as the first frame's file
+        states).
+
+        MAROON's echoes are always calibrated, so `calibrated` has no effect. The result also has
+        the other sensors that alignment.json relates to the radar. Raises HandbenchError if the
+        frames have different frequencies.
+        """
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
         read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
@@ -148,13 +157,14 @@ class MaroonCapture(NativeCapture):
 
     @property
     def photos(self) -> Path | None:
-        """The folder of its photographs."""
+        """The folder of the capture's photographs; None if there is none."""
         folder = self.folder / PHOTOGRAMMETRY / "rgb"
         return folder if folder.is_dir() else None
 
     def mesh(self) -> Path | None:
-        """The masked mesh in the frame of MAROON's photogrammetry, metres. Without one, the whole
-        mesh is taken, with a message, as MAROON's code does; None if there is no mesh."""
+        """Return the file of the mesh that is cropped to the object, in the frame of MAROON's
+        photogrammetry, metres. If it is missing, the whole mesh is used and a message printed, as
+        in MAROON's code; None if there is no mesh."""
         masked, whole = (
             self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole")
         )
@@ -164,8 +174,9 @@ class MaroonCapture(NativeCapture):
         return whole
 
     def transform(self) -> Transform | None:
-        """Return radar_from_photo in handbench's radar frame, with a note on how its handedness was
-        found; None without an alignment.json."""
+        """Return the transform from the photo frame to handbench's radar frame, with a note that
+        says how the handedness of MAROON's radar frame was found. None if there is no
+        alignment.json."""
         file, hand = self.alignment, self.handedness
         return (
             replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
@@ -173,18 +184,19 @@ class MaroonCapture(NativeCapture):
 
     @property
     def handedness(self) -> Handedness:
-        """Direction of the x axis of its radar frame; without an alignment.json, the one in
-        MAROON's code."""
+        """Whether the x axis of the capture's radar frame is opposite to handbench's, and how that
+        was found. Without an alignment.json, it is taken to be opposite, as in MAROON's code."""
         return _handedness(self, self.key(1))
 
     def warnings(self) -> list[str]:
-        """Warn of an alignment.json whose matrix has no reflection, or does not put its surface
-        where the radar sees one."""
+        """Return a warning if the matrix in alignment.json has no reflection, or does not put the
+        surface where the radar measures one; otherwise an empty list."""
         hand = self.handedness
         return [f"{ALIGNMENT}: {hand.note}; {CHECK_SIGNS}"] if hand.suspect else []
 
     def sensors(self) -> dict[str, OtherSensor]:
-        """The other sensors, by name, that have both a folder and a matrix in alignment.json."""
+        """Return the other depth sensors, by name, that have both pictures in the capture's folder
+        and a matrix in alignment.json."""
         file, mirrored = self.alignment, lambda: self.handedness.mirrored
         here = [name for name in LENSES if pictures(self.folder, name, "depth")]
         known = read_table(file) if file and here else {}
@@ -195,11 +207,13 @@ class MaroonCapture(NativeCapture):
         }
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Return which pixels [ny, nx] of a depth map MAROON's code scores: on the target and
-        inside metadata.json's box mask_bb.
-        erode: also leave out the target's edges, by a square of a quarter of `mask_erosion` pixels,
-        as the paper does (MAROON's shipped configuration does not). Raises HandbenchError for an
-        empty box, as in the example of their README."""
+        """Return the mask [ny, nx] of the pixels of a depth map that MAROON's code scores: those
+        with a depth inside the box mask_bb of metadata.json.
+
+        erode: also remove the target's edges, by an erosion with a square of a quarter of
+        metadata.json's `mask_erosion` pixels, as in the paper (but not in MAROON's shipped
+        configuration). Raises HandbenchError for an empty box, such as that in MAROON's README.
+        """
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
@@ -212,9 +226,9 @@ class MaroonCapture(NativeCapture):
         return found
 
     def key(self, frames: int | None = None) -> str:
-        """Return a hash of all files that a run reads: the first `frames` frames (None: all) of the
-        radar and of the other sensors, descriptions, masks, and the mesh or else the
-        photographs."""
+        """Return a hash of all files that a run reads: descriptions, masks, the mesh (without one,
+        the photographs), and the first `frames` frames (None: all) of the radar and the other
+        sensors."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
         for sensor in LENSES:
@@ -229,8 +243,8 @@ class MaroonCapture(NativeCapture):
 
     @cached_property
     def alignment(self) -> Path | None:
-        """The path of its alignment.json, or else of the one of its calibration, with a message;
-        None without either."""
+        """The file alignment.json of the capture; if it is missing, that of the calibration which
+        metadata.json names, and a message is printed; None if there is neither."""
         own = self.folder / ALIGNMENT
         name = self.metadata.calibration
         if own.exists() or not name:
@@ -245,8 +259,9 @@ class MaroonCapture(NativeCapture):
         return of_calibration
 
     def _bounds_m(self, axis: str) -> tuple[float, float]:
-        """Return the lower and upper bound of mask_bb along an axis of MAROON's radar frame,
-        metres; where it has none, those of their code."""
+        """Return the lower and upper bound of the scored box along an axis ("x", "y" or "z") of
+        MAROON's radar frame, metres. Bounds that metadata.json lacks are those in MAROON's code.
+        Raises HandbenchError if the box is empty."""
         about = self.metadata
         near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
         low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))
@@ -263,9 +278,13 @@ class MaroonCapture(NativeCapture):
         return low, high
 
     def _settings(self) -> dict[str, Any]:
-        """Return the image's pixels and voxels, method id → settings.
-        They are MAROON's box, from calibration.json of the first frame, or the box of their shipped
-        configuration around the object's distance; empty if neither is known."""
+        """Return the settings of each method, by its id, that say which pixels or voxels are
+        imaged.
+
+        They are the box in MAROON's calibration.json for the first frame or, without one, the box
+        of MAROON's shipped configuration, placed at the object's distance. Empty if the distance is
+        unknown too.
+        """
         file = self.radar / VOLUMES
         frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
@@ -282,8 +301,9 @@ class MaroonCapture(NativeCapture):
         return dict.fromkeys(PLANES, pixels) | dict.fromkeys(PROJECTIONS, box)
 
     def _axes(self, file: Path, volume: Any) -> dict[str, dict[str, float]]:
-        """Convert a box of their calibration.json to start, stop and step along handbench's x, y
-        and z, metres. file: named in messages; volume: the entry."""
+        """Convert the entry `volume` of MAROON's calibration.json to start, stop and step along the
+        x, y and z axes of handbench's radar frame, metres. file: the calibration.json, named in
+        messages. Raises HandbenchError for an invalid entry."""
         box = volume if isinstance(volume, dict) else {}
         low, high, count = (
             checked_numbers(file, key, box.get(key), [(3,)], 1e4)
@@ -315,8 +335,11 @@ class MaroonCapture(NativeCapture):
 
 @cache
 def _handedness(capture: MaroonCapture, key: str) -> Handedness:
-    """Find the handedness of a capture's radar frame by its mesh, or else by another sensor; kept
-    for the process. key: hash of the content."""
+    """Find out whether the x axis of a capture's radar frame is opposite to handbench's, from its
+    mesh or, without one, from another sensor.
+
+    key: hash of the capture's content; results are cached in this process by capture and key.
+    """
     file, mesh_file = capture.alignment, capture.mesh()
     if file is None:
         return Handedness(True, "")
@@ -330,10 +353,13 @@ def _handedness(capture: MaroonCapture, key: str) -> Handedness:
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
-    """A mask [ny, nx] eroded by a square of `pixels` × `pixels`, or by the largest smaller square
-    that leaves more than FEWEST_PX pixels (MAROON's `SensorVisualizer.add_sensor`). Rows go upwards
-    in y and columns along our x, as in all maps here; MAROON's images are ours turned by 180°,
-    which matters for an even kernel. The border of the map erodes nothing."""
+    """Erode a mask [ny, nx] by a square of `pixels` × `pixels`, or by the largest smaller square
+    that leaves more than 10 pixels (FEWEST_PX), as MAROON's `SensorVisualizer.add_sensor` does.
+
+    The mask's rows go upwards in y and its columns along handbench's x. MAROON's images are such
+    maps turned by 180°, which matters for an even square, so the mask is turned for the erosion.
+    Pixels beyond the border of the map do not erode the mask.
+    """
     import cv2
 
     theirs = np.ascontiguousarray(mask[::-1, ::-1], np.uint8)

@@ -1,16 +1,16 @@
-"""`alignment.json`, MAROON's file of transforms (Wirth et al. 2024, arXiv 2411.00527), and the
-sensors that it aligns.
+"""MAROON's file of transforms, `alignment.json` (Wirth et al. 2024, arXiv 2411.00527), and the
+depth sensors that it relates to the radar.
 
-The file has 4×4 matrices in row order under `SOURCE2DEST`, applied to columns [p, 1], between the
-frames of the sensors `radar`, `photogrammetry`, `kinect`, `realsense`, `zed` and a common `world`.
-The unit is the metre in the frames of radar and photogrammetry, the millimetre in those of the
-cameras.
+Under each key `SOURCE2DEST`, the file has a 4×4 matrix, row by row, that maps columns [p, 1] from
+one frame to another. The frames are those of the sensors `radar`, `photogrammetry`, `kinect`,
+`realsense` and `zed`, and a common `world`. Units are metres in the frames of radar and
+photogrammetry, and millimetres in those of the cameras.
 
-MAROON's code uses a left-handed radar frame (x to the right, y up, z away), so that p_ours =
-diag(−1, 1, 1)·p_theirs, and a matrix from a right-handed sensor contains a reflection. A matrix
-without a reflection means either that the radar frame is ours already, or that the sensor's points
-are a mirror image. Both readings put the sensor's points in front of the radar, one mirrored in x;
-comparing them with the radar's own depth decides. docs/maroon.md has the evidence.
+MAROON's code uses a left-handed radar frame (x to the right, y up, z away), so that p_handbench =
+diag(−1, 1, 1) p_maroon, and a matrix from a right-handed sensor contains a reflection. A matrix
+without a reflection has two explanations: the radar frame is handbench's already, or the sensor's
+points are a mirror image. Both put the points in front of the radar, one of them mirrored in x, so
+the radar's own depth map decides between them. docs/maroon.md has the evidence.
 """
 
 from collections.abc import Callable
@@ -70,15 +70,17 @@ Triangles = tuple[np.ndarray, np.ndarray]  # vertices [n, 3] and faces [m, 3]
 def load_alignment(
     path: str | Path, source: str = "photogrammetry", mirrored: bool | None = None
 ) -> Transform:
-    """Read `radar_from_SOURCE` in our radar frame, metres; it has no covariance. `photogrammetry`
-    becomes our `photo`.
+    """Read the transform from a sensor's frame to handbench's radar frame (metres) from an
+    alignment.json. It has no covariance.
 
-    source: a sensor of the file. Its points keep the unit that the file's matrix expects; the
-    transform's scale converts it. mirrored: whether x of the file's radar frame points right; None:
-    it does if the matrix contains a reflection. If the matrix does not agree with `mirrored`, the
-    source is a mirror image, and the transform's scale is negative. The matrix is replaced by the
-    nearest rotation with a scale. Raises HandbenchError for anything but a finite 4×4 similarity,
-    and for an unknown source.
+    source: name of the sensor in the file; the frame of `photogrammetry` is called `photo` in the
+    result. The sensor's points keep the unit that the matrix in the file expects; the transform's
+    scale converts it. mirrored: True if x of the file's radar frame is opposite to handbench's
+    (None: it is if the matrix contains a reflection). If the matrix disagrees with `mirrored`, the
+    sensor's points are a mirror image, and the transform's scale is negative.
+
+    The matrix is replaced by the nearest rotation times a scale. Raises HandbenchError for an
+    unknown source, and unless the matrix is a finite 4×4 similarity.
     """
     content = read_table(path)
     key = f"{source}2radar"
@@ -101,10 +103,14 @@ def load_alignment(
 
 
 def save_alignment(path: str | Path, transform: Transform) -> None:
-    """Write `radar_from_photo` in MAROON's form, atomically: to the radar, back, and to the world,
-    which is the radar's frame in a new file. An existing file keeps its other keys and the
-    handedness of its radar frame; in a new file x points right, as in MAROON's code. The form has
-    no covariance."""
+    """Write the transform from the photo frame to the radar frame as MAROON's alignment.json,
+    atomically.
+
+    The matrices from photogrammetry to radar, back, and to the world frame are written; in a new
+    file, the world frame is the radar's. An existing file keeps its other keys and the handedness
+    of its radar frame; in a new file, x points right, as in MAROON's code. The file format has no
+    covariance.
+    """
     transform.require("photo", "radar", "transform")
     # which no viewer corrects
     known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
@@ -122,8 +128,9 @@ def save_alignment(path: str | Path, transform: Transform) -> None:
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:
-    """Read one of MAROON's JSON files. Raises HandbenchError for a file that is too large or holds
-    no table."""
+    """Read one of MAROON's JSON files as a dict. what: description of the file for messages. Raises
+    HandbenchError for a file that is too large, or whose content is not a table of keys and
+    values."""
     # it also holds intermediate data of the calibration
     content = read_json(path, what, RAW_VALUES, RAW_JSON_BYTES)
     if not isinstance(content, dict):
@@ -132,8 +139,12 @@ def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[
 
 
 def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
-    """The matrix with its linear part replaced by the nearest rotation or reflection (polar
-    decomposition) times the mean stretch. Prints how much it changes."""
+    """Return a matrix [4, 4] with its linear part replaced by the nearest rotation or reflection
+    (polar decomposition) times the mean stretch.
+
+    A small change is printed; path, key: the matrix's file and key, for messages. Raises
+    HandbenchError if the change would be large.
+    """
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, rotation = float(stretch.mean()), u @ vt
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
@@ -151,9 +162,12 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
 
 
 class Handedness(NamedTuple):
-    """Handedness of a radar frame. mirrored: its x axis is opposite to handbench's; note: how that
-    was found; suspect: the matrix has no reflection, or its surface is not where the radar sees
-    one."""
+    """Handedness of a radar frame.
+
+    mirrored: True if its x axis is opposite to handbench's. note: how that was found. suspect: True
+    if the matrix in alignment.json has no reflection, or does not put the surface where the radar
+    measures one.
+    """
 
     mirrored: bool
     note: str
@@ -166,10 +180,14 @@ def handedness_of(
     surface: Callable[[], Triangles] | None,
     echoes: Callable[[], RadarCapture],
 ) -> Handedness:
-    """Find the handedness of an alignment file's radar frame, and print it.
-    The reflection in the file's matrix says it; it is checked by the radar's depth of the surface,
-    as it is and mirrored. path: the file. surface: returns the surface that the sensor `source`
-    measured, in its frame; None if unknown. echoes: returns the capture's echoes."""
+    """Find the handedness of the radar frame in an alignment file, and print it.
+
+    It follows from whether the file's matrix contains a reflection, and is checked by the radar's
+    depth map: if the mirror image of the surface fits the radar's depths much better than the
+    surface, the opposite handedness is taken. path: the file. source: the sensor. surface: function
+    that returns what the sensor measured, in its own frame (None: nothing to check with). echoes:
+    function that returns the capture's echoes.
+    """
     mirrored = load_alignment(path, source, mirrored=False).scale < 0
     note, suspect = f"{source}2radar has {'a' if mirrored else 'no'} reflection", not mirrored
     try:
@@ -203,9 +221,12 @@ def handedness_of(
 def _likely_mistake(
     matrix: np.ndarray, mirrored: bool, surface: Triangles, echoes: RadarCapture
 ) -> str:
-    """Find the mistake in a matrix that explains why its surface is not where the radar sees one: a
-    clause of a message, empty if no mistake does.
-    matrix: [4, 4], to our radar frame. mirrored: whether the file's has a reflection."""
+    """Find a mistake in a matrix that explains why its surface is not where the radar measures one.
+
+    Tried are an inverted matrix, and wrong signs of its rows, columns or shifts. matrix [4, 4]:
+    maps the surface to handbench's radar frame. mirrored: True if the file's matrix has a
+    reflection. Returns a clause for a message; empty if no mistake explains it.
+    """
     flip, (vertices, faces) = MIRROR_X if mirrored else np.eye(4), surface
     undone = {"inverted": flip @ np.linalg.inv(matrix) @ flip}
     for row, axis in enumerate("xyz"):
@@ -225,9 +246,12 @@ def _likely_mistake(
 
 
 def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> tuple[float, float]:
-    """Compute the mean distance, mm, of the radar's 3-FSK points from a surface, and from the
-    surface mirrored in x; infinite if it is outside the radar's pixels. Raises HandbenchError if
-    the radar sees nothing."""
+    """Compute the mean distance in mm from the points of the radar's 3-FSK depth map to a surface,
+    and to the surface mirrored in x.
+
+    Both are infinite if the surface is outside the radar's pixels. Raises HandbenchError if the
+    depth map is empty.
+    """
     from scipy.spatial import KDTree
 
     chosen, middle_m = method("3fsk"), float(np.median(vertices_m[:, 2]))
@@ -249,9 +273,12 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
 
 
 def load_any_transform(file: Path | None) -> Transform:
-    """Read a transform into the radar frame, in handbench's form, or in MAROON's if the file is
-    named alignment.json. None: the identity, for points that are in the radar frame already. Raises
-    HandbenchError for a file that is none, or differs from its recorded checksum."""
+    """Read a transform to the radar frame from a file in handbench's format or, if the file is
+    named alignment.json, in MAROON's.
+
+    file: None returns the identity, for points that are in the radar frame already. Raises
+    HandbenchError for a file in neither format, or one that differs from its recorded checksum.
+    """
     if file is None:
         return identity("radar")
     require_unchanged(file)
@@ -260,16 +287,19 @@ def load_any_transform(file: Path | None) -> Transform:
 
 
 def pictures(folder: Path, sensor: str, kind: str) -> list[Path]:
-    """List a sensor's pictures of one kind ("depth", "mask"), in order."""
+    """List the pictures of one kind ("depth" or "mask") of a sensor in a capture's folder, by
+    frame."""
     return sorted((folder / sensor / kind / SIDES.get(sensor, "")).glob("[0-9]*.png"))
 
 
 @dataclass(frozen=True)
 class OtherSensor:
-    """Another sensor of an object's folder; called with a pixel grid, it returns the depths that it
-    measured.
-    alignment: the file with its matrix. mirrored: returns whether x of that file's radar frame is
-    opposite to handbench's; called only when needed."""
+    """Another depth sensor in a MAROON capture's folder. Called with a pixel grid, it returns the
+    depths that it measured.
+
+    alignment: the file with the matrix from the sensor to the radar. mirrored: function that
+    returns whether x of that file's radar frame is opposite to handbench's.
+    """
 
     folder: Path
     name: str
@@ -277,17 +307,21 @@ class OtherSensor:
     mirrored: Callable[[], bool]
 
     def __call__(self, grid: PixelGrid, frame: int = 0) -> np.ndarray:
-        """Return the depth z [ny, nx], metres, in the radar frame, of the surface that the sensor
-        measured, on a pixel grid; NaN where there is none. Raises HandbenchError for a missing
-        frame."""
+        """Compute the depth z [ny, nx], metres, of the measured surface in handbench's radar frame
+        on a pixel grid; NaN where the sensor measured no surface. Raises HandbenchError if the
+        frame is missing."""
         points, faces = self.triangles(frame)
         transform = load_alignment(self.alignment, self.name, self.mirrored())
         return depth_on_grid(mesh(transform.points(points), faces), grid.x_m, grid.y_m)
 
     def triangles(self, frame: int = 0) -> Triangles:
-        """Return the surface of one frame as vertices [n, 3] and faces [m, 3], in the frame and
-        unit of the sensor's matrix; cut to the object if there is a mask. Raises HandbenchError for
-        a missing frame and for files of another sensor."""
+        """Return the surface that the sensor measured in one frame, as vertices [n, 3] and
+        triangles [m, 3], cropped to the object if there is a mask.
+
+        The vertices are in the sensor's frame, in the unit that its matrix in alignment.json
+        expects. Raises HandbenchError if the frame is missing, or if the pictures do not agree with
+        the sensor's calibration.
+        """
         from handbench.groundtruth.photos.photos import read_gray
 
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
@@ -319,8 +353,11 @@ class OtherSensor:
     def _pinhole(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the points [n, 3], mm, of the pixels with a depth, and which pixels [height,
-        width] these are, for a sensor that is a pinhole camera."""
+        """Compute the points of a sensor that is a pinhole camera. depth_mm [height, width]: 0
+        where unknown; mask: True on the object; content: of the sensor's calibration.json.
+
+        Returns the points [n, 3] in mm, and the mask [height, width] of their pixels.
+        """
         lens, (height, width), seen = (
             content[LENSES[self.name]],
             depth_mm.shape,
@@ -335,10 +372,13 @@ class OtherSensor:
     def _kinect(
         self, depth_mm: np.ndarray, mask: np.ndarray, content: Any
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Compute the Kinect's points [n, 3], mm, and which depth pixels [height, width] they come
-        from.
-        mask: of the colour camera's pixels. The points are in the frame to which the sensor's
-        matrix belongs, of the depth or of the colour camera."""
+        """Compute the points of the Kinect. depth_mm [height, width]: 0 where unknown; mask: True
+        on the object, at the colour camera's pixels; content: of the sensor's calibration.json.
+
+        Returns the points [n, 3] in mm, and the mask [height, width] of their depth pixels. The
+        points are in the frame of the depth camera or of the colour camera, whichever
+        alignment.json refers to.
+        """
         from scipy.ndimage import map_coordinates
 
         cameras = {
@@ -361,8 +401,8 @@ class OtherSensor:
 
 
 def kinect_camera(factory: dict[str, Any]) -> Camera:
-    """Camera model of one depth mode, from the factory calibration of its sensor. Raises ValueError
-    for a lens model other than the Kinect's."""
+    """Make the camera model of the Kinect's depth or colour camera, in the mode that MAROON uses,
+    from its factory calibration. Raises ValueError for a lens model other than the Kinect's."""
     lens, place = factory["Intrinsics"], factory["Location"].removeprefix(LOCATION)
     (wide, high), (left, top), (width, height) = MODES[place]
     if lens["ModelType"] != MODEL:
@@ -379,7 +419,8 @@ def _numbers(values: Any, count: int) -> np.ndarray:
 
 
 def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Points [n, 3] of the pixels with a depth, in the camera's frame."""
+    """Compute the points [n, 3] in the camera's frame, mm, of the n pixels in the mask seen
+    [height, width]. depth_mm [height, width]: their depths along z."""
     if depth_mm.shape != (camera.height, camera.width):
         raise ValueError(
             f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}"
@@ -389,7 +430,9 @@ def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarra
 
 
 def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Faces [m, 3] between neighbouring pixels whose depths differ by no more than LONGEST_MM."""
+    """Join the points of neighbouring pixels to triangles, unless their depths differ by more than
+    10 mm (LONGEST_MM). seen [height, width]: mask of the n pixels with a point. Returns triangles
+    [m, 3] of point indices."""
     index = np.where(seen, np.cumsum(seen).reshape(seen.shape) - 1, -1)
     corners = np.stack(
         [index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1
@@ -400,7 +443,7 @@ def _joined(depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def _counts(file: Path) -> np.ndarray:
-    """The values [height, width] of a grey picture of 16 bits."""
+    """Read the values [height, width] of a gray picture with 16 bits, as float64."""
     with open_picture(file) as image:
         if image.mode != "I;16":
             raise HandbenchError(

@@ -1,17 +1,17 @@
-"""One radar frame of MAROON: a numpy file with a pickled dictionary, read here without running
-anything.
+"""Reader of one radar frame of MAROON: a numpy file with a pickled dictionary, read without running
+any code in it.
 
-Layout of the echoes `xr`, from MAROON's public code: [receiver, transmitter, frequency] of 96 × 96
-antennas. Rows and columns 1 to 94 are used, which are `radar.data.arrays.qar50` in its order. Their
-image is Σ xr·e^{+j2πfτ}, so that an echo is e^{−j2πfτ}, as in handbench, and nothing is conjugated.
-Pairs of antennas that the radar could not use may be zero, and stay zero.
+The echoes `xr`, by MAROON's public code, are [receiver, transmitter, frequency] of 96 × 96
+antennas. Antennas 1 to 94 of both are used; these are `radar.data.arrays.qar50` in its order.
+MAROON images them by Σ xr·e^{+j2πfτ}, so an echo is e^{−j2πfτ}, as in handbench, and nothing is
+conjugated. Pairs of antennas that the radar could not use may be zero, and stay zero.
 
-A pickle is a program that may call whatever it can name. This reader lets it name five things, none
-of them numpy's own: stand-ins take the description of an array apart, check it, and build the array
-from its plain bytes. Python's own unpickler is used because the one in C reserves memory for any
-number in a file. A few hundred bytes can describe a tuple of 2⁶⁰ parts, which hashing or printing
-would walk through; so keys must be text, and only the steps that arrays and plain values need are
-accepted, and counted.
+A pickle is a program that may call any function that it can name. This reader allows it five names
+and replaces each by a harmless class or function of this module, which checks the description of an
+array and makes the array from its plain bytes. Python's own unpickler is used, because the one in C
+reserves as much memory as a number in the file says. A few hundred bytes can describe a tuple of
+2⁶⁰ elements, which hashing or printing would walk through. Therefore keys must be text, only the
+opcodes that arrays and plain values need are accepted, and their number is limited.
 """
 
 import math
@@ -42,8 +42,8 @@ WHAT = "a radar frame of MAROON (a pickled dictionary of arrays of numbers)"
 
 @dataclass(frozen=True)
 class Frame:
-    """One radar frame of MAROON. samples: complex64 [f, tx, rx] at frequencies_hz [f]; count:
-    number of frames that the capture has."""
+    """One radar frame of MAROON. samples [f, tx, rx]: complex64, at frequencies_hz [f]. count:
+    number of frames in the capture, as the file states it."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -51,8 +51,8 @@ class Frame:
 
 
 def read_frame(file: Path) -> Frame:
-    """Read a frame of MAROON, `calibrated_data/NNNNNN.npy`, with axes in handbench's order. Raises
-    HandbenchError for any other file."""
+    """Read a radar frame of MAROON from its file `calibrated_data/NNNNNN.npy`, and bring its axes
+    into handbench's order. Raises HandbenchError for any other file."""
     content = read_dictionary(file)
     frequencies_hz, xr = _frequencies_hz(file, content), _numbers(file, content, "xr")
     expected = ANTENNAS, ANTENNAS, len(frequencies_hz)
@@ -82,7 +82,8 @@ def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:
 
 
 def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
-    """An entry of the dictionary as an array of numbers."""
+    """Return the entry `key` of a frame's dictionary as an array of numbers. Raises HandbenchError
+    if it is missing, empty or not numeric; file: named in the message."""
     if key not in content:
         raise HandbenchError(
             f"{file}: has no '{key}'; expected fvec, xr and number_of_measurements"
@@ -94,9 +95,11 @@ def _numbers(file: Path, content: dict[str, Any], key: str) -> np.ndarray:
 
 
 def read_dictionary(path: str | Path) -> dict[str, Any]:
-    """Read the dictionary in a pickled .npy file, without calling anything that the file names.
-    Values may be arrays and scalars of numbers, text, and None. Raises HandbenchError for any other
-    content."""
+    """Read the dictionary in a pickled .npy file, without calling any function that the file names.
+
+    Values may be arrays of numbers, scalars, text and None. Raises HandbenchError for any other
+    content.
+    """
     content = read_bytes(path, WHAT, PICKLE_BYTES)
     try:
         return _unpickle(content)
@@ -141,8 +144,8 @@ def _checked(key: Any, value: Any) -> Any:
 
 
 class _Dtype:
-    """Stand-in for numpy.dtype: a kind of number with its byte order, or the object of the
-    outermost array."""
+    """Replacement for numpy.dtype while unpickling: a type of numbers with its byte order, or the
+    type "object" of the outermost array."""
 
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
@@ -157,7 +160,8 @@ class _Dtype:
         self.order = state[1]
 
     def numbers(self, content: bytes, count: int) -> np.ndarray:
-        """`count` numbers from their bytes."""
+        """Convert bytes to an array of exactly `count` numbers of this type. Raises ValueError if
+        the length does not match."""
         dtype = np.dtype(self.name).newbyteorder(self.order)
         if (
             dtype.hasobject
@@ -169,8 +173,8 @@ class _Dtype:
 
 
 class _Array:
-    """Stand-in for numpy.ndarray: an array of `numbers`, or the outermost array with its only
-    object."""
+    """Replacement for numpy.ndarray while unpickling: an array of numbers (attribute `numbers`), or
+    the outermost array, which has one object (attribute `objects`)."""
 
     def __init__(self, *_: Any) -> None:
         self.numbers: np.ndarray | None = None
@@ -195,13 +199,15 @@ class _Array:
 
 
 def _scalar(dtype: _Dtype, content: bytes) -> np.generic:
-    """Stand-in for numpy.core.multiarray.scalar."""
+    """Replacement for numpy.core.multiarray.scalar while unpickling: make a number from its
+    bytes."""
     return dtype.numbers(content, 1)[0]
 
 
 @dataclass(frozen=True)
 class _Name:
-    """Stand-in for a name in the pickle: it can only be called."""
+    """Replacement for a function or class that the pickle names. It can only be called, and then
+    calls `make`; any attempt of the pickle to change it is refused."""
 
     make: Callable[..., Any]
 
@@ -231,7 +237,8 @@ KNOWN = (
 
 
 class _Table(dict[str, Any]):
-    """A dictionary that accepts only text as keys, so that nothing else is hashed."""
+    """A dictionary that refuses keys other than text, so that the pickle cannot make anything else
+    be hashed."""
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not isinstance(key, str):
@@ -240,8 +247,11 @@ class _Table(dict[str, Any]):
 
 
 def _call(unpickler: Any) -> None:
-    """The step that calls a name. Refuses any other value without printing it, however long it
-    is."""
+    """Execute the opcode REDUCE, which calls a name with arguments from the unpickler's stack.
+
+    Raises ValueError if the value is not an allowed name. The message does not contain the value,
+    since printing it could take forever.
+    """
     arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
     if not isinstance(name, _Name) or not isinstance(arguments, tuple):
         raise ValueError("it calls what is no name")
@@ -255,7 +265,7 @@ STEPS[pickle.EMPTY_DICT[0]] = lambda unpickler: unpickler.append(_Table())
 
 
 class _Unpickler(pickle._Unpickler):
-    """An unpickler with a closed list of names and of steps."""
+    """An unpickler that accepts only a fixed list of names and of opcodes."""
 
     dispatch = STEPS
 

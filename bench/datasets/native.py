@@ -1,4 +1,4 @@
-"""Capture folders: handbench's own form of one scene's data."""
+"""Capture folders: handbench's own format for the data of one scene."""
 
 import os
 from dataclasses import dataclass, replace
@@ -11,6 +11,7 @@ import tomlkit
 from pydantic import Field
 
 from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.echoes.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -25,6 +26,7 @@ WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 ARRAY = "array.json"  # calibration of the antennas
+CORRECTIONS = "corrections.json"  # of the instrument, from the capture's own echoes
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
@@ -33,7 +35,11 @@ FAR_M = 10.0  # further than anything near-field: a number of millimetres, most 
 
 
 class CaptureFile(Config):
-    """The content of `capture.toml`."""
+    """The content of `capture.toml`, which describes a capture in its folder.
+
+    kind: of the target. pose: a letter of the manual alphabet or "free", for hands. contains: names
+    of the folder's other files. source: where the data are from, in words.
+    """
 
     version: Literal[1] = 1
     name: Name
@@ -47,6 +53,10 @@ class CaptureFile(Config):
         description="xmin, ymin, zmin, xmax, ymax, zmax in the photo frame: what is scored",
     )
     contains: tuple[str, ...] = Field(default=(), max_length=1000)
+    unknown: tuple[Unknown, ...] = Field(
+        default=(),
+        description="of the instrument: what handbench calibrate --from-echoes estimates",
+    )
     source: str | None = None
     effects: tuple[Choice, ...] = Field(
         default=(), description="of a simulated capture: what its echoes show"
@@ -58,26 +68,28 @@ class CaptureFile(Config):
 
 
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
-    """Write `capture.toml`, atomically."""
+    """Write a capture's description to `capture.toml` in its folder, atomically."""
     write_text(folder / DESCRIPTION, tomlkit.dumps(description.model_dump(exclude_none=True)))
 
 
 @dataclass(frozen=True)
 class NativeCapture:
-    """One capture, read from a capture folder of handbench; subclasses read other forms.
-    A path or a transform is None if the capture has none."""
+    """One capture in handbench's own format; subclasses read other formats.
+
+    Methods and properties that return a path or a transform return None if the capture has none.
+    """
 
     folder: Path
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """True if this adapter reads the capture in `folder`."""
+        """Tell whether `folder` has a capture.toml, so that this class can read it."""
         return (folder / DESCRIPTION).is_file()
 
     @cached_property
     def about(self) -> CaptureFile:
-        """The content of its `capture.toml`. Raises HandbenchError if that or a file that it names
-        is missing."""
+        """The description of the capture, from its `capture.toml`. Raises HandbenchError if this
+        file, or a file that it lists, is missing."""
         folder = require_folder(self.folder, WHAT)
         description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
         for name in description.contains:
@@ -88,49 +100,65 @@ class NativeCapture:
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Read the echoes of the first `frames` frames, or of all.
-        calibrated: apply the antennas' calibration, if there is an `array.json` beside the echoes
-        or inside their file, and print a line about it."""
+        """Read the echoes of the first `frames` frames (None: all).
+
+        calibrated: apply the calibration of the antennas, if there is one (in `array.json` next to
+        the echoes, or in their file), then the capture's corrections (`corrections.json`), and
+        print a line about each.
+        """
         folder = require_folder(self.folder, WHAT)
         echoes = load_capture(folder / ECHOES)
-        if calibrated:
-            echoes, message = with_calibration(echoes, folder / ARRAY)
-            if message:
-                say(message)
-        return replace(echoes, samples=echoes.samples[:frames])
+        echoes = replace(echoes, samples=echoes.samples[:frames])
+        if not calibrated:
+            return echoes
+        echoes, message = with_calibration(echoes, folder / ARRAY)
+        if message:
+            say(message)
+        return self._corrected(echoes)
+
+    def _corrected(self, echoes: RadarCapture) -> RadarCapture:
+        """Apply the capture's corrections to its echoes, if there are any, and print a line about
+        them."""
+        echoes, message = with_corrections(echoes, self.folder / CORRECTIONS)
+        if message:
+            say(message)
+        return echoes
 
     @property
     def photos(self) -> Path | None:
-        """The folder of its photographs."""
+        """The folder of the capture's photographs; None if there is none."""
         return self._lying(PHOTOS)
 
     def mesh(self) -> Path | None:
-        """The measured surface (PLY, OBJ, STL) in the photo frame, metres."""
+        """Return the file (PLY, OBJ or STL) of the measured surface in the photo frame, metres;
+        None if there is none."""
         return self._lying(MESH)
 
     @property
     def truth(self) -> Path | None:
-        """The true surface in the radar frame, metres."""
+        """The file of the true surface in the radar frame, metres; None if it is unknown."""
         return self._lying(TRUTH)
 
     def transform(self) -> Transform | None:
-        """Read its radar_from_photo; None if it has none."""
+        """Read the transform from the photo frame to the radar frame; None if the capture has
+        none."""
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
 
     def warnings(self) -> list[str]:
-        """Warn of likely mistakes in files that only this data set has; here none."""
+        """Return warnings of likely mistakes in files that only this data set has; none for
+        handbench's own format."""
         return []
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
-        """Return which pixels [ny, nx] of a depth map the data set scores; here all that have a
-        depth.
-        erode: leave out the target's edges, if the data set defines that."""
+        """Return the mask [ny, nx] of the pixels of a depth map that the data set scores: here, all
+        pixels that have a depth. erode: also remove the target's edges, if the data set defines
+        how; here without effect."""
         return np.isfinite(depth.z_m)
 
     def key(self, frames: int | None = None) -> str:
         """Return a hash of everything that a run over the first `frames` frames (None: all) may
-        read; here of the whole folder."""
+        read: here, of the whole folder."""
         return content_hash(self.folder)
 
     def _lying(self, name: str) -> Path | None:

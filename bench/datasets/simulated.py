@@ -1,4 +1,4 @@
-"""Simulation of scene files into capture folders: echoes, photographs, cameras, board, true surface
+"""Simulation of scenes into capture folders, with echoes, photographs, cameras, board, true surface
 and description."""
 
 from collections.abc import Callable
@@ -41,9 +41,12 @@ WRITTEN = (TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET) + tuple(
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:
-    """Simulate a scene into a capture folder, all or nothing; return the list of simulated effects.
-    The folder gets the echoes of `frames` frames (and those of the empty room), photographs, true
-    surface and description."""
+    """Simulate a scene into a capture folder, which appears complete or not at all.
+
+    The folder receives the echoes of `frames` frames, those of the empty room if the scene asks for
+    them, photographs, true surface and description. Returns one row for each effect: whether it was
+    simulated, and why.
+    """
     compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
@@ -61,10 +64,13 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
 def write_photos(
     scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
 ) -> tuple[Choice, ...]:
-    """Write a scene's photographs and everything else of a capture folder but the echoes.
-    That is `photos/` (if the scene has any), `truth.ply` (metres, radar frame),
-    `truth_radar_from_photo.json`, `target.toml` for a calibration target, and `capture.toml`. rows:
-    the effects in the echoes; returned with those in the photographs."""
+    """Write a scene's photographs and all other files of its capture folder, except the echoes.
+
+    The files are `photos/` (if the scene has cameras), `truth.ply` (true surface in the radar
+    frame, metres), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
+    `capture.toml`. rows: the effects in the echoes. Returns these rows, followed by those of the
+    photographs.
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
@@ -81,8 +87,8 @@ def write_photos(
 
 
 def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
-    """Return the content of `capture.toml`. contains: names of the folder's other files; rows: the
-    simulated effects."""
+    """Return the content of a simulated capture's `capture.toml`. contains: names of the folder's
+    other files; rows: the simulated effects."""
     target, pose = scene.file.target, ""
     kind = (
         "hand"
@@ -110,9 +116,12 @@ def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> 
 def write_photographs(
     scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]
 ) -> None:
-    """Write the scene's photographs, the intrinsics (`cameras.json`), the true cameras
-    (`truth_cameras.json`) and the ArUco board (`board.toml`) into a folder.
-    photograph: takes a camera and its number, returns the picture [height, width, 3], 8-bit BGR."""
+    """Write the scene's photographs into a folder, with the intrinsics (`cameras.json`), the true
+    cameras (`truth_cameras.json`) and the ArUco board (`board.toml`).
+
+    photograph: function of a camera and its number that returns the picture, uint8 [height, width,
+    3], in the order blue, green, red.
+    """
     import cv2
 
     load_pycolmap()  # here, not in a thread

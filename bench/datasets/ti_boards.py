@@ -39,8 +39,13 @@ SIGNS = {"IWR6843AOP": (-1, 1, -1, 1)}
 def antennas(
     source: Path, profile: ChirpProfile, transmitters: np.ndarray
 ) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Find the antennas that were on: (places_m of a `Recording`; gains [tx, rx] or None). Places
-    are those in tx_m.csv and rx_m.csv, of all antennas by number, else the board's."""
+    """Return the positions [n, 3] in metres of the antennas that were on, under the keys "tx_m" and
+    "rx_m", and their gains [tx, rx] (None: all 1).
+
+    transmitters: numbers of the transmitters that were on. Positions are from tx_m.csv and
+    rx_m.csv, which list all antennas by number, or else from the profile's board. Raises
+    HandbenchError if neither gives them.
+    """
     used = {"tx_m": transmitters - 1, "rx_m": np.array(profile.receivers) - 1}
     signs: tuple[int, ...] | None = None
     if any((source / f"{name}.csv").exists() for name in used):

@@ -25,12 +25,16 @@ Antenna = Annotated[int, Field(ge=1, le=16)]
 
 
 class ChirpProfile(Config):
-    """How a radar chirped and how its samples are stored. receivers: those that were on, by
-    number from 1; transmitters: that of each chirp of a loop; loops: repetitions in a frame.
-    lanes: 2 (xWR16xx, 18xx, 68xx: one receiver after the other), 4 (xWR12xx, 14xx: a lane a
-    receiver), or 16 (a cascade of four radars: a file each). order: which part of complex samples
-    is first. sweeps: average repeated chirps, or make each a frame. board: gives the antennas'
-    places, if tx_m.csv and rx_m.csv do not."""
+    """How a radar chirped, and how its samples are stored.
+
+    receivers: numbers, from 1, of the receivers that were on. transmitters: number of the
+    transmitter of each chirp in a loop. loops: number of loops in a frame. real: True if samples
+    are real, not complex. lanes: of the data link, 2 (xWR16xx, 18xx, 68xx: the receivers one after
+    another), 4 (xWR12xx, 14xx: a lane for each receiver) or 16 (a cascade of four radars: a file
+    each). order: which part of complex samples is first. sweeps: average repeated chirps ("mean"),
+    or make each a frame. board: gives the antennas' positions, unless there are tx_m.csv and
+    rx_m.csv.
+    """
 
     start_hz: Tone
     slope_hz_s: float = Field(gt=0, le=1e15)
@@ -56,7 +60,7 @@ class ChirpProfile(Config):
         return self
 
     def tones_hz(self) -> np.ndarray:
-        """Compute the chirp's frequency [samples] at each sample."""
+        """Compute the chirp's frequency [samples] at the time of each sample, Hz."""
         time_s = self.adc_start_s + np.arange(self.samples) / self.rate_hz
         return self.start_hz + self.slope_hz_s * time_s
 
@@ -88,8 +92,8 @@ def read_profile(source: Path, settings: Mapping[str, Any]) -> tuple[Path, Chirp
 
 
 def _read_cfg(path: Path) -> dict[str, Any]:
-    """Convert a .cfg of the mmWave SDK's command line to the fields of a `ChirpProfile`. Raises
-    HandbenchError, with the line, for modes that are not read."""
+    """Convert a .cfg file, with commands of TI's mmWave SDK, to the fields of a `ChirpProfile`.
+    Raises HandbenchError with the line for a mode of the radar that handbench cannot read."""
     last: dict[str, list[float]] = {}
     profiles: dict[float, list[float]] = {}
     chirps: dict[int, tuple[float, int]] = {}  # number → its profile and transmitter
@@ -152,5 +156,5 @@ def _read_cfg(path: Path) -> dict[str, Any]:
 
 
 def _antennas_of(mask: float) -> tuple[int, ...]:
-    """Return the numbers, from 1, of the antennas in a mask of bits."""
+    """Return the numbers, from 1, of the antennas whose bits are set in a bit mask."""
     return tuple(bit + 1 for bit in range(16) if int(mask) >> bit & 1)

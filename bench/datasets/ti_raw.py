@@ -1,5 +1,6 @@
-"""Raw captures of TI's millimetre-wave radars by the DCA1000 board (adc_data.bin) or of a
-cascade, with the chirp profile in the radar's .cfg or in a .json, as a capture folder."""
+"""Import of raw captures of TI's millimetre-wave radars as capture folders. The samples were
+recorded by a DCA1000 board (adc_data.bin) or by a cascade; the chirp profile is in the radar's .cfg
+or in a .json."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,8 +35,11 @@ def import_ti_raw(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
     """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
-    folder. Prints a warning if the echoes contradict the profile. settings: fields of
-    `ChirpProfile` in place of those in the folder's .cfg or .json."""
+    folder. Prints a warning if the echoes contradict the profile.
+
+    settings: fields of `ChirpProfile` that replace those in the folder's .cfg or .json. Raises
+    HandbenchError if the files do not agree with the profile.
+    """
     source = require_folder(source, WHAT)
     file, profile = read_profile(source, settings or {})
     numbers = read_numbers(source, profile)

@@ -21,9 +21,12 @@ RADARS = ("master", "slave1", "slave2", "slave3")  # of a cascade, with four rec
 
 
 def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray:
-    """Arrange a DCA1000's numbers, int16 [n], as the radar's samples [frame, loop, chirp of the
-    loop, receiver, sample], complex64, or float32 of a real profile. where: begins the message of
-    the HandbenchError for numbers that are no whole frames."""
+    """Arrange the numbers that were recorded, int16 [n], as samples [frame, loop, chirp of the
+    loop, receiver, sample].
+
+    The result is complex64, or float32 if the profile's samples are real. Raises HandbenchError
+    unless the numbers fill whole frames; where: beginning of its message.
+    """
     n, frame = profile.samples, frame_numbers(profile)
     stored, parts = _stored(profile), 1 if profile.real else 2
     if not len(numbers) or len(numbers) % frame or stored * n % 2:

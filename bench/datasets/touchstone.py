@@ -1,11 +1,11 @@
-"""A network analyser's Touchstone files (.s1p, .s2p), one for each place of the antennas, as a
-capture folder.
+"""Import of a network analyser's Touchstone files (.s1p, .s2p) as a capture folder. There is one
+file for each position of the antennas.
 
 A file of version 1.1 of the format (Touchstone File Format Specification, IBIS Open Forum, 2002)
-has comments after "!", one option line "# GHz S MA R 50", and a record of a frequency and 1 or 4
-pairs of numbers for each tone; of two ports in the order S11, S21, S12, S22, and perhaps followed
-by noise parameters. Network analysers use e^{+jωt}: S21 of a path is exp(−j2πf·path/c), which is
-handbench's own sign.
+has comments after "!", one option line such as "# GHz S MA R 50", and for each tone a record: the
+frequency and 1 or 4 pairs of numbers (for two ports S11, S21, S12, S22). Noise parameters may
+follow. Network analysers use e^{+jωt}, so S21 of a path is exp(−j2πf·path/c), which is handbench's
+own sign.
 """
 
 import math
@@ -37,7 +37,8 @@ NOISE = 5  # numbers of a line of noise parameters
 
 
 class TouchstoneSettings(Config):
-    """What of the files becomes the echoes. parameter: by default S21 of two ports, S11 of one."""
+    """Selection of the S parameter that becomes the echoes; default: S21 of files with two ports,
+    S11 of files with one."""
 
     parameter: Literal["S11", "S21", "S12", "S22"] | None = None
 
@@ -45,9 +46,13 @@ class TouchstoneSettings(Config):
 def import_touchstone(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
-    """Convert the Touchstone files that SOURCE/positions.csv lists, with the places of transmitter
-    and receiver, to a capture folder: a scan if both are always in one place, else pairs.
-    settings: the fields of `TouchstoneSettings`. Raises HandbenchError for other files."""
+    """Convert the Touchstone files that SOURCE/positions.csv lists, with the positions of
+    transmitter and receiver for each, to a capture folder.
+
+    The capture is the scan of one transceiver if transmitter and receiver always have the same
+    position, else a list of pairs of antennas. settings: fields of `TouchstoneSettings`. Raises
+    HandbenchError for files of another format, or with different frequencies.
+    """
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
     wanted = parse(TouchstoneSettings, dict(settings or {}), option("--set", "settings")).parameter
     names, places_m = _read_positions(source / POSITIONS)
@@ -81,9 +86,12 @@ def import_touchstone(
 
 
 def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Read a file: (frequencies [f], hertz, rising; one of its S parameters [f], complex).
-    parameter: "S11" to "S22"; by default S21 of two ports and S11 of one. Raises HandbenchError,
-    with the line, for a file of another form."""
+    """Read one S parameter from a Touchstone file. Returns its ascending frequencies [f] in Hz, and
+    complex values [f].
+
+    parameter: "S11" to "S22"; default: S21 of files with two ports, S11 of files with one. Raises
+    HandbenchError, with the line, for a file of another format.
+    """
     kind = path.suffix.lower()
     if kind not in PARAMETERS:
         raise HandbenchError(f"{path}: is no Touchstone file; expected one in .s1p or .s2p")
@@ -108,8 +116,12 @@ def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarra
 
 
 def _read_records(path: Path, content: bytes, size: int) -> tuple[tuple[str, str], np.ndarray]:
-    """Parse a file's content: (its unit and format, its records [f, size]). A record may go on
-    over several lines; noise parameters, which begin at a lower frequency, are left out."""
+    """Parse the content of a Touchstone file. Returns its unit of frequency and format of numbers,
+    and the records [f, size], each with the frequency first.
+
+    size: numbers in a record, which may continue over several lines. Noise parameters, which start
+    again at a lower frequency, are skipped. Raises HandbenchError for content of another format.
+    """
     options: tuple[str, str] | None = None
     records: list[list[float]] = []
     record: list[float] = []
@@ -154,8 +166,9 @@ def _read_records(path: Path, content: bytes, size: int) -> tuple[tuple[str, str
 
 
 def _options(text: str, where: str) -> tuple[str, str]:
-    """Parse an option line, in any order and case: (unit, format). Raises HandbenchError for words
-    that it may not have, and for other parameters than S."""
+    """Parse the option line of a Touchstone file, whose words may have any order and case. Returns
+    the unit of frequency and the format of numbers. Raises HandbenchError for an unknown word;
+    where: beginning of its message."""
     words = text.upper().split()
     unit, form = "GHZ", "MA"
     while words:
@@ -172,8 +185,8 @@ def _options(text: str, where: str) -> tuple[str, str]:
 
 
 def _read_positions(path: Path) -> tuple[list[str], np.ndarray]:
-    """Read `positions.csv`: (names of files [n], places [n, 6] of transmitter and receiver,
-    metres)."""
+    """Read `positions.csv`. Returns the names of the n Touchstone files, and the positions [n, 6]
+    of transmitter (x, y, z) and receiver (x, y, z) for each, metres."""
     rows = read_csv(path, COLUMNS)
     if rows and rows[0] != (1, COLUMNS):
         number, row = rows[0]
@@ -204,8 +217,9 @@ def _read_positions(path: Path) -> tuple[list[str], np.ndarray]:
 
 
 def _pairs(tx_m: np.ndarray, rx_m: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """List the different places of transmitters and receivers [n, 3], and for each file the indices
-    of both [files, 2]."""
+    """Find the antennas in the positions of transmitter and receiver of each of n files, tx_m and
+    rx_m [n, 3]. Returns the different positions under the keys "tx_m" and "rx_m", and for each file
+    the indices [n, 2] of its transmitter and receiver in them."""
     found = {
         name: np.unique(places_m, axis=0, return_inverse=True)
         for name, places_m in (("tx_m", tx_m), ("rx_m", rx_m))

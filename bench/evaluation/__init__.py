@@ -1,1 +1,2 @@
-"""Depth maps against references: error maps, metrics, scoring protocols."""
+"""Figures of depth maps against references: error maps, metrics, intervals, tests, scoring
+protocols, tables."""

@@ -1,5 +1,5 @@
-"""A depth map against a reference, pixel by pixel: errors along z, and distances between both
-surfaces."""
+"""Pixelwise comparison of a depth map with a reference surface: errors along z, and distances
+between the two surfaces."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,13 +11,13 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ErrorMap:
-    """Signed errors of one depth map on the pixel centres x_m [nx], y_m [ny]; all other arrays [ny,
-    nx], metres. error_m = z − z_ref, NaN where unobserved; reference_z_m is NaN where there is no
-    surface.
+    """Signed errors of one depth map against a reference, on the pixel centres x_m [nx], y_m [ny].
 
-    sigma_m: standard deviation of the reference along z. to_reference_m: distance of the map's
-    point to the reference, NaN where the map is not judged. to_map_m: distance of the reference's
-    point to the map. Each is None if unknown.
+    All other arrays are [ny, nx], metres. error_m: z − z_ref, NaN where either is missing.
+    reference_z_m: depth of the reference, NaN where it has no surface. sigma_m: standard deviation
+    of the reference along z. to_reference_m: distance from the map's point to the nearest point of
+    the reference, NaN where that cannot be judged. to_map_m: distance from the reference's point to
+    the nearest point of the map. The last three are None if unknown.
     """
 
     x_m: np.ndarray
@@ -37,14 +37,15 @@ def error_map(
     sigma_m: np.ndarray | None = None,
     met: np.ndarray | None = None,
 ) -> ErrorMap:
-    """Compute the signed errors of a depth map, pixel by pixel, and the distances between both
-    surfaces.
+    """Compute the signed errors of a depth map, pixel by pixel, and the distances between map and
+    reference.
     z_m, reference_z_m [ny, nx]: depths of the map and of the reference, metres, on the pixel
-    centres x_m [nx], y_m [ny]; not finite where there is none.
+    centres x_m [nx], y_m [ny]; NaN or infinite where there is none.
     sigma_m [ny, nx]: standard deviation of the reference along z.
-    met [ny, nx]: whether the ray through the pixel meets any surface, observed or interpolated.
-    Without it the distances are None, because a depth beside the reference cannot be judged.
-    Raises HandbenchError for arrays that are not on one grid."""
+    met [ny, nx]: whether the ray through the pixel hits any surface, observed or interpolated.
+    Without it the distances are None, because a depth outside the reference's silhouette cannot be
+    judged.
+    Raises HandbenchError if the arrays do not fit the grid."""
     for name, given in (
         ("depth map", z_m),
         ("sigma_m", sigma_m),
@@ -67,11 +68,11 @@ def error_map(
 def _distances(
     x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray, reference_z_m: np.ndarray, met: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute nearest-point distances between the map's surface and the reference, both [ny, nx],
-    metres.
-    The first array holds, for each of the map's points that can be judged, its distance to the
-    reference; the second, for each point of the reference, its distance to the map. NaN elsewhere.
-    A point can be judged if its ray meets the reference, or no surface at all nearby."""
+    """Compute nearest-point distances between the surface of a depth map and the reference.
+    Returns two arrays [ny, nx], metres, NaN elsewhere: for each point of the map that can be
+    judged, its distance to the reference; and for each point of the reference, its distance to the
+    map. A point of the map can be judged if its pixel has a reference depth, or certainly shows no
+    surface at all. met [ny, nx]: whether the ray through the pixel hits any surface."""
     from scipy.spatial import KDTree
 
     surface = np.isfinite(reference_z_m)
@@ -89,9 +90,10 @@ def _distances(
 
 @lru_cache(maxsize=4)  # the methods that are compared with one reference share it
 def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
-    """Find the pixels [ny, nx] that are certainly empty: neither they nor their neighbours, nor a
-    closed outline around them, show a surface.
-    met: flags of the pixels whose rays meet a surface, as bytes of a boolean array of `shape`."""
+    """Find the pixels [ny, nx] that certainly show no surface: rays through them and their
+    neighbours hit none, and no closed outline of surface surrounds them.
+    met: whether the ray through each pixel hits a surface, as the bytes of a boolean array of
+    `shape`."""
     from scipy.ndimage import binary_dilation, binary_fill_holes
 
     return ~binary_dilation(
@@ -100,10 +102,10 @@ def _empty(met: bytes, shape: tuple[int, int]) -> np.ndarray:
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
-    """Compute each pixel's standard deviation (n − 1) of depth over repeats, z_m [n ≥ 2, ny, nx],
-    metres.
-    Returned as an ErrorMap whose error_m holds the deviations, NaN where a repeat does not observe
-    the pixel. Its median is the precision per pixel."""
+    """Compute the standard deviation (n − 1) of each pixel's depth over repeated frames, z_m [n ≥
+    2, ny, nx], metres.
+    Returns an ErrorMap whose error_m holds the deviations, NaN where a frame does not observe the
+    pixel. The median of its pixels is the precision per pixel."""
     # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
     several = len(z_m) > 1
     deviation_m = (

@@ -1,10 +1,10 @@
-"""Methods under equal treatment: on the pixels that all of them observe, with the same smoothing,
-and in the order of their amplitudes.
+"""Figures of methods under equal treatment: on the pixels that all methods observe, with the same
+smoothing, and with pixels ordered by amplitude.
 
-Much of a method's error depends on its thresholds and filters. Two measures do not: the error on
-the pixels that every method observes, and the risk–coverage curve (El-Yaniv & Wiener 2010; its
-area: Geifman et al. 2019), which is the error of a method's strongest pixels over the share of the
-surface that they cover, for every threshold.
+Much of a method's error depends on its thresholds and filters. Two figures do not: the error on the
+pixels that every method observes, and the risk–coverage curve (El-Yaniv & Wiener 2010; area under
+it: Geifman et al. 2019). This curve is the error of a method's strongest pixels as a function of
+the share of the surface that they cover, so it covers every threshold.
 """
 
 from collections.abc import Mapping
@@ -24,26 +24,28 @@ FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the commo
 
 
 class TreatedFigures(NamedTuple):
-    """One method's figures on one capture under one equal treatment (same smoothing for all
+    """Figures of one method on one capture under one equal treatment (same smoothing for all
     methods).
     figures: metric → value. curve_mm [n]: mean absolute error of the strongest pixels that cover
-    each of SHARES_PERCENT of the surface, NaN at shares that the method does not reach."""
+    0.5, 1, 1.5, … 100 % of the surface (SHARES_PERCENT); NaN at shares that the method does not
+    reach."""
 
     figures: Values
     curve_mm: np.ndarray
 
 
 def on_common_pixels(metric: str) -> str:
-    """Return the words that end a metric's title under equal treatment; "" for a metric that is not
-    formed on the pixels that all methods observe."""
+    """Return the end of a metric's title under equal treatment: " on common pixels" for a metric of
+    the pixels that all methods observe, "" for another."""
     return "" if metric in EQUAL_METRICS else " on common pixels"
 
 
 def taking_part(
     maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
 ) -> dict[str, TreatedDepths]:
-    """Select the methods that observe at least FEWEST_PERCENT of the surface. maps: method → its
-    depths, all on the grid of reference_z_m [ny, nx], metres."""
+    """Select the methods that observe at least 1 % of the surface (FEWEST_PERCENT).
+    maps: method → its depths, all on the pixel grid of the reference; reference_z_m [ny, nx]:
+    depths of the surface, metres, NaN where there is none."""
     surface = np.isfinite(reference_z_m)
     fewest = FEWEST_PERCENT / 100 * surface.sum()
     return {m: of for m, of in maps.items() if (np.isfinite(of.z_m) & surface).sum() >= fewest}
@@ -52,11 +54,12 @@ def taking_part(
 def treated_figures(
     maps: Mapping[str, TreatedDepths], reference_z_m: np.ndarray
 ) -> dict[str, TreatedFigures]:
-    """Compute every method's figures on one capture, under one equal treatment: method →
-    TreatedFigures.
-    maps: method → its depths, all on the grid of reference_z_m [ny, nx], metres. Errors count only
-    on the pixels that all methods observe. The area under the risk–coverage curve (aurc_mm) ends at
-    the share of the surface that all methods reach."""
+    """Compute the figures of every method on one capture, under one equal treatment (same smoothing
+    for all methods): method → figures.
+    maps: method → its depths, all on the pixel grid of the reference; reference_z_m [ny, nx]:
+    depths of the surface, metres. Errors count only on the pixels that all methods observe. The
+    area under the risk–coverage curve (aurc_mm) ends at the share of the surface that all methods
+    reach."""
     common = np.isfinite(reference_z_m)
     for depths in maps.values():
         common = common & np.isfinite(depths.z_m)
@@ -78,10 +81,10 @@ def treated_figures(
 
 
 def risk_mm(depths: TreatedDepths, reference_z_m: np.ndarray) -> np.ndarray:
-    """Compute the risk–coverage curve: mean absolute error, mm [n], of the 1, 2, … n strongest
-    pixels on the surface, by amplitude.
-    reference_z_m [ny, nx]: depths of the surface, metres. Pixels of equal amplitude keep the order
-    of the map."""
+    """Compute the risk–coverage curve [n], mm: its k-th value is the mean absolute error of the k
+    strongest pixels.
+    Only pixels with a depth and a reference count; pixels of equal amplitude keep the order of the
+    map. reference_z_m [ny, nx]: depths of the surface, metres."""
     seen = np.isfinite(depths.open_z_m) & np.isfinite(reference_z_m)
     error_mm = 1e3 * np.abs(depths.open_z_m - reference_z_m)[seen]
     order = np.argsort(-depths.open_db[seen], kind="stable")

@@ -1,9 +1,10 @@
-"""Errors by cause: pixels grouped by incidence angle, amplitude, part of the hand or distance to an
-edge; and reliability of a depth map's σ: the share of errors inside its intervals, and the errors'
-likelihood.
+"""Errors grouped by cause, and reliability of a depth map's σ.
 
-An edge is between two neighbouring pixels if only one has a reference, or if their depths differ by
-more than JUMP_M. Slopes are not taken across edges. The border of the image is no edge.
+The causes are incidence angle, amplitude, part of the hand (finger or palm) and distance to an
+edge. An edge is between two neighbouring pixels if only one has a reference, or if their depths
+differ by more than 5 mm (JUMP_M). No slope is computed across an edge. The border of the image is
+no edge. Reliability is the share of errors inside the intervals that σ gives, and the likelihood of
+the errors.
 """
 
 from collections.abc import Iterator
@@ -23,9 +24,9 @@ NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
 
 def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, object]]:
     """Yield one capture's lines of the table RELIABILITY: how well the map's σ predicts its errors.
-    Each line has a nominal interval in percent and the share of errors inside it, for all pixels
-    and for those without a wrap flag. σ of the map and of the reference, if known, are added in
-    quadrature. Yields nothing if the map has no σ."""
+    Each line has a nominal interval in percent and the share of errors inside it, for all pixels or
+    for those that are not marked as wrapped in phase. σ of the map and, if known, of the reference
+    are added in quadrature. Yields nothing if the map has no σ."""
     if depth.sigma_m is None:
         return
     reference_m = (
@@ -47,15 +48,17 @@ def reliability_lines(depth: DepthMap, errors: ErrorMap) -> Iterator[dict[str, o
 
 
 def coverage_percent(deviations: np.ndarray, nominal_percent: float) -> float:
-    """Percentage of the errors that are inside the normal interval of nominal_percent about 0.
+    """Return the percentage of errors inside the normal distribution's central interval of
+    nominal_percent.
     deviations [n]: errors divided by their σ. NaN if there are none."""
     reach = NormalDist().inv_cdf(0.5 + nominal_percent / 200)
     return 100 * float(np.mean(np.abs(deviations) <= reach)) if len(deviations) else np.nan
 
 
 def negative_log_likelihood(error_mm: np.ndarray, sigma_mm: np.ndarray) -> float:
-    """Mean of −ln N(e; 0, σ²) over errors [n] in mm, which is ½ ln(2πe σ²) if all σ are equal and
-    right; NaN if there are none."""
+    """Return the mean of −ln N(e; 0, σ²) over errors e [n] and their standard deviations σ [n],
+    both in mm.
+    NaN if there are no errors. If all σ are equal and right, it is ½ ln(2πe σ²)."""
     each = 0.5 * (np.log(2 * np.pi * sigma_mm**2) + (error_mm / sigma_mm) ** 2)
     return float(each.mean()) if len(each) else np.nan
 
@@ -83,9 +86,9 @@ MEANS = ("mean_mm", "median_mm", "absolute_mm", "p95_mm", "observed_percent", "n
 
 
 class Averages:
-    """Averages over captures for the tables CAUSES or RELIABILITY.
-    Lines of single captures are added one at a time. A figure is averaged over the captures that
-    have it; pixels are counted over all captures."""
+    """Averages over captures of the figures in the table CAUSES or RELIABILITY.
+    The lines of single captures are added one at a time. A figure is averaged over the captures
+    that have it; pixels are counted over all captures."""
 
     def __init__(self, schema: Schema) -> None:
         self.schema, self.means = schema, [name for name in schema.names if name in MEANS]
@@ -97,7 +100,8 @@ class Averages:
         ] = {}  # of figures; how many have them; pixels; captures with some
 
     def add(self, line: dict[str, Any]) -> None:
-        """Add one capture's line, a value for each column; its `n_pixels` must be there."""
+        """Add one line of one capture: column → value; `n_pixels`, the number of pixels, is
+        required."""
         values, pixels = np.array([line.get(name) for name in self.means], float), line["n_pixels"]
         known = np.isfinite(values)
         place = self.sums.setdefault(
@@ -106,7 +110,7 @@ class Averages:
         place += [*np.where(known, values, 0.0), *known, pixels, pixels > 0]
 
     def table(self) -> pd.DataFrame:
-        """Return the averaged table; groups of pixels that are empty in every capture are left
+        """Return the table of averages. Groups of pixels that are empty in every capture are left
         out."""
         found = []
         for key, summed in self.sums.items():
@@ -122,11 +126,12 @@ class Averages:
 def cause_lines(
     depth: DepthMap, errors: ErrorMap, surface: dict[str, np.ndarray]
 ) -> Iterator[dict[str, object]]:
-    """Yield one capture's lines of the table CAUSES: the errors' figures in each bin of each cause.
+    """Yield one capture's lines of the table CAUSES: the figures of the errors in each interval of
+    each cause.
     Causes are incidence angle, level below the image's maximum, part of the hand, and distance to
-    an edge; BINS has their limits.
-    surface: cause → its value at each pixel [ny, nx], as `surface_causes` computes it from the
-    reference."""
+    an edge; BINS has the limits of the intervals.
+    surface: cause → its value at each pixel [ny, nx], for the causes that follow from the reference
+    surface."""
     observed = np.isfinite(errors.error_m)
     error_mm = 1e3 * errors.error_m[observed]
     values = {
@@ -148,8 +153,9 @@ def cause_lines(
 
 
 def _figures(error_mm: np.ndarray) -> dict[str, float]:
-    """Compute mean, median, absolute mean and 95th percentile of errors [n], mm, and their number;
-    only the number if there are none."""
+    """Return the number of errors [n], mm, and their mean, median, absolute mean and 95th
+    percentile of |e|.
+    If there are no errors, only their number 0 is returned."""
     if not len(error_mm):
         return {"n_pixels": 0}
     absolute_mm = np.abs(error_mm)
@@ -162,9 +168,11 @@ def _figures(error_mm: np.ndarray) -> dict[str, float]:
 
 
 def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute the possible causes of error that follow from the reference: cause → values [ny, nx].
-    These are incidence angle (degrees), part of the hand (index in PARTS), and distance to an edge
-    (mm); NaN where unknown. z_m [ny, nx]: depths of the reference on x_m [nx], y_m [ny], metres."""
+    """Compute the possible causes of error that follow from the reference surface: cause → values
+    [ny, nx].
+    These are incidence angle (degrees), part of the hand (0: finger, 1: palm), and distance to an
+    edge (mm); NaN where unknown. z_m [ny, nx]: depths of the reference on x_m [nx], y_m [ny],
+    metres."""
     return {
         "incidence_deg": incidence_deg(x_m, y_m, z_m),
         "part": parts(x_m, y_m, z_m),
@@ -173,10 +181,11 @@ def surface_causes(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> dict[st
 
 
 def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Compute the incidence angle [ny, nx], degrees: between the surface's normal, towards the
-    array, and the direction to the array's centre, the origin.
-    The slope along x or y is the mean of the slopes to both neighbours, or the one that crosses no
-    edge (a depth jump of more than JUMP_M); NaN if both cross one."""
+    """Compute the incidence angle [ny, nx], degrees: the angle between the surface normal and the
+    direction to the centre of the array, the origin.
+    z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. The slope along x or y is the mean of the
+    slopes to both neighbours. If one of these crosses an edge (a jump of more than 5 mm, JUMP_M),
+    the other is used; if both do, the angle is NaN."""
     x, y = np.meshgrid(x_m, y_m)
     slopes = []
     for (before, behind), along_m in zip(ALONG, (x, y), strict=True):
@@ -193,9 +202,11 @@ def incidence_deg(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarr
 
 
 def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Compute each pixel's lateral distance [ny, nx], metres, to the nearest edge of the surface.
-    An edge is the point midway between two neighbouring pixels of which one has no depth, or whose
-    depths differ by more than JUMP_M. Infinite without an edge, NaN outside the reference."""
+    """Compute the lateral distance [ny, nx], metres, from each pixel to the nearest edge of the
+    surface.
+    z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. An edge is the point midway between two
+    neighbouring pixels of which one has no depth, or whose depths differ by more than 5 mm
+    (JUMP_M). Infinite if there is no edge, NaN where there is no depth."""
     from scipy.spatial import KDTree
 
     pixels, surface = np.stack(np.meshgrid(x_m, y_m), axis=-1), np.isfinite(z_m)
@@ -209,10 +220,10 @@ def edge_distance_m(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.nda
 
 
 def parts(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> np.ndarray:
-    """Split a hand into finger (0) and palm (1): index in PARTS of each pixel [ny, nx].
-    The palm is what remains of the filled silhouette after a morphological opening with a disc of
-    PALM_RADIUS_M. NaN outside the reference, and everywhere if either part has less than
-    LEAST_SHARE of the pixels."""
+    """Split a hand into finger (0) and palm (1): returns the number for each pixel [ny, nx].
+    z_m [ny, nx]: depths on x_m [nx], y_m [ny], metres. The palm is what a morphological opening
+    with a disc of 22 mm radius (PALM_RADIUS_M) leaves of the filled silhouette. NaN where there is
+    no depth, and everywhere if one part has less than a tenth of the pixels (LEAST_SHARE)."""
     from scipy.ndimage import binary_fill_holes, distance_transform_edt
 
     surface = np.isfinite(z_m)

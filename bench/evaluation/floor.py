@@ -24,9 +24,9 @@ SPAN = 1 << 20  # more blocks than a row can have
 
 def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float | None:
     """Compute the ground-truth floor, mm: the mean absolute error that a perfect radar would show.
-    It is √(2/π) times the mean σ of the reference over each map's observed pixels, averaged over
-    the maps that observe any. references: one for each of `maps`, in their order. None if no pixel
-    was observed or a part of σ is unknown."""
+    It is √(2/π) times the mean σ of the reference over the observed pixels of a map, averaged over
+    the maps that observe any. references: one for each map, in the same order. None if no pixel was
+    observed or if σ is unknown."""
     seen = _observed(maps, references)
     floors_m = [
         (r.sigma_m if m.sigma_m is None else m.sigma_m)[observed].mean() for m, r, observed in seen
@@ -38,8 +38,8 @@ def floor_mm(maps: Iterable[ErrorMap], references: Iterable[Reference]) -> float
 def _observed(
     maps: Iterable[ErrorMap], references: Iterable[Reference]
 ) -> Iterator[tuple[ErrorMap, Reference, np.ndarray]]:
-    """Yield each map that observes anything, with its reference and its observed pixels [ny,
-    nx]."""
+    """Yield each map with at least one observed pixel, together with its reference and the mask of
+    its observed pixels [ny, nx]."""
     for m, r in zip(maps, references, strict=True):
         observed = np.isfinite(m.error_m)
         if observed.any():
@@ -52,10 +52,10 @@ def floor_interval(
     seed: int = 0,
     value: float | None = None,
 ) -> Interval | None:
-    """Compute the 95 % interval, mm, of a perfect radar's mean absolute error, by drawing the
-    reference's errors (mesh and registration) many times.
-    references: one for each of `maps`. value: the floor, if it is known already, so that maps and
-    references are read only once. None if there is no floor, or if it is zero."""
+    """Compute the 95 % interval, mm, of the mean absolute error that a perfect radar would show.
+    The errors of the reference (mesh and registration) are drawn many times. references: one for
+    each map, in the same order. value: the floor, if already known; then maps and references are
+    read only once. None if the floor is zero or unknown."""
     value = floor_mm(maps, references) if value is None else value
     if not value:
         return None
@@ -86,9 +86,11 @@ def floor_interval(
 def _absolute_sum_m(
     m: ErrorMap, r: Reference, motions: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Sum |e| of the drawn reference errors over one capture's observed pixels: [draws], metres.
-    motions [draws, 6 or 7]: drawn errors of the registration. The mesh's errors are drawn here, one
-    for each patch of BLOCK_M × BLOCK_M."""
+    """Draw errors of the reference, and return for each draw the sum of |e| over the observed
+    pixels of one capture: [draws], metres.
+    m: error map, r: reference of the capture. motions [draws, 6 or 7]: errors of the registration,
+    already drawn. The errors of the mesh are drawn here, one for each square of 15 × 15 mm
+    (BLOCK_M)."""
     observed = np.isfinite(m.error_m)
     column, row = (np.floor(axis / BLOCK_M + 1e-9).astype(np.int64) for axis in (m.x_m, m.y_m))
     names, block = np.unique((SPAN * row[:, None] + column)[observed], return_inverse=True)
@@ -102,9 +104,9 @@ def _absolute_sum_m(
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:
-    """Return the reference's uncertainty by source, for a result's facts.
-    mesh_mm, registration_mm, together_mm: root mean square of σ along z over the reference's
-    pixels, mm; None where it is unknown, with the sources named under "unknown"."""
+    """Return the uncertainty of a reference by source: mesh_mm, registration_mm and together_mm.
+    Each is the root mean square, mm, of σ along z over the pixels of the reference. It is None if
+    unknown, and the unknown sources are then listed under "unknown"."""
     surface = np.isfinite(reference.z_m)
     sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
     named = zip((*PARTS, "together"), sigmas_m, strict=True)

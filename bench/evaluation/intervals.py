@@ -1,10 +1,10 @@
-"""Confidence intervals with the capture as unit.
+"""Confidence intervals in which each capture counts as one value.
 
-Captures differ: another hand, or the same hand placed again, has an error that all of its pixels
-share. An interval must hold for captures that were not measured, so each capture counts as one
-value, however many pixels it has. The figures of captures have skewed distributions, so Student's t
-is transformed as by Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B
-54). Fewer than FEWEST captures give no interval. `tests/bench/evaluation/test_statistics.py`
+An interval must hold for captures that were not measured. Captures differ: another hand, or the
+same hand placed again, has an error that all of its pixels share. So each capture is one value,
+however many pixels it has. Figures of captures have skewed distributions, so Student's t is
+transformed as by Hall (1992, "On the removal of skewness by transformation", J. R. Stat. Soc. B
+54). Fewer than five captures (FEWEST) give no interval. `tests/bench/evaluation/test_statistics.py`
 measures how often the intervals contain the true value.
 """
 
@@ -25,18 +25,18 @@ TOO_FEW = "too few captures for a test"
 
 
 class Interval(NamedTuple):
-    """Confidence interval, in the unit of its figure."""
+    """Lower and upper end of a confidence interval, in the unit of the figure."""
 
     low: float
     high: float
 
 
 def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Compute the 95 % interval of the mean over captures like these, from one figure a capture
+    """Compute the 95 % interval of a figure's mean over captures, from its value on each capture
     [n].
-    NaN are left out; None for fewer than FEWEST captures.
+    NaN are left out. Returns None for fewer than five captures (FEWEST).
     Student's T = (m − μ)/s is corrected for the skewness γ (Hall 1992): T + γT²/3 + γ²T³/27 + γ/6n
-    follows Student's distribution more closely. The interval's ends are transformed back."""
+    follows Student's distribution more closely. The ends of the interval are transformed back."""
     from scipy.special import stdtrit
 
     known = np.asarray(values, float)
@@ -54,10 +54,10 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
 
 
 def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Compute the 95 % interval of a metric's mean from one value a capture, cut to the metric's
-    range.
-    None for fewer than FEWEST captures, and for shares that are 0 % or 100 % in every capture,
-    which have no spread."""
+    """Compute the 95 % interval of a metric's mean, from its value on each capture [n], cut to the
+    values that the metric can have.
+    Returns None for fewer than five captures (FEWEST), and for percentages that are 0 or 100 in
+    every capture, which have no spread."""
     found, facts = mean_interval(values), METRICS[metric]
     if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
         return None
@@ -67,7 +67,8 @@ def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interv
 
 
 def note(captures: int) -> str:
-    """A sentence on how many captures the intervals are based on."""
+    """Return a sentence that says on how many captures the intervals are based, or that there are
+    too few for intervals."""
     if captures >= FEWEST:
         return f"{captures} captures: the intervals are those of the mean over captures like these"
     counted = f"{captures} capture{'s' * (captures > 1)}"
@@ -75,14 +76,15 @@ def note(captures: int) -> str:
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:
-    """Compute the 95 % interval, in mm, of the precision (`metrics.precision`).
+    """Compute the 95 % interval, mm, of the precision: the standard deviation of depth over
+    repeated frames, averaged over the hands.
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
     metres. None if a hand has fewer than two usable repeats. The interval holds for further repeats
-    of the same hands, whose errors may be correlated with their neighbours in time.
+    of the same hands. Errors of neighbouring repeats may be correlated.
 
-    The model is z = μ_h + AR(1) with deviation σ_h and a correlation ρ that all hands share. Given
-    ρ, Σ s_h²χ²/ν is simulated with s_h from generalised least squares; ρ has the posterior of a
-    flat prior (seeded draws).
+    The model is z = μ_h + AR(1) with a standard deviation σ_h for each hand h and a correlation ρ
+    that all hands share. Given ρ, Σ s_h²χ²/ν is simulated with s_h from generalised least squares.
+    ρ is drawn (with `seed`) from the posterior of a flat prior.
     """
     hands = usable_repeats(strongest_z_m)
     if not hands:
@@ -117,8 +119,8 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> In
 
 
 def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
-    """Compute the 95 % interval of the median of independent `values` [n] by bootstrap; None for
-    fewer than three."""
+    """Compute the 95 % interval of the median of independent `values` [n] by bootstrap. Returns
+    None for fewer than three values."""
     if len(values) < 3:
         return None
     generator, rows = np.random.default_rng(seed), max(DRAWN_AT_ONCE // len(values), 1)

@@ -1,4 +1,5 @@
-"""The metrics: each one's unit, direction and definition, and its value for a depth map."""
+"""The metrics: unit, direction and definition of each, and the functions that compute them from
+error maps."""
 
 from __future__ import annotations
 
@@ -24,9 +25,10 @@ BAND = 1.96  # standard deviations that contain 95 % of a normal error
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure of merit.
-    better: the direction in which a method improves ("zero": nearer to zero). paper: method → the
-    value that the paper states."""
+    """Definition of one metric.
+    key: its name in code and files; title: its name for readers. better: whether lower or higher
+    values are better ("zero": values nearer to zero). paper: method → the value that the paper
+    states."""
 
     key: str
     title: str
@@ -46,8 +48,9 @@ PAPER = {(m.key, method): value for m in METRICS.values() for method, value in m
 
 
 def _measured_pixels(m: ErrorMap) -> ErrorMap:
-    """Reduce an error map to one row of pixels: those that have an error, a reference or a
-    distance. The others add nothing to the sums."""
+    """Return an error map with only the pixels that have an error, a reference or a distance, all
+    in one row [n].
+    The other pixels add nothing to any metric."""
     known = (m.reference_z_m, m.error_m, m.to_reference_m)
     at = np.logical_or.reduce([~np.isnan(values) for values in known if values is not None])
     others = (
@@ -58,10 +61,10 @@ def _measured_pixels(m: ErrorMap) -> ErrorMap:
 
 
 def terms(m: ErrorMap) -> Terms:
-    """Compute what each pixel adds to the sums from which the metrics follow: name of the sum →
-    [ny, nx].
-    Such sums are the number of observed pixels, of |error|, of error² and of distances. NaN where
-    the needed quantity (σ, distances) is unknown. `figures` turns the sums into metrics."""
+    """Compute what each pixel adds to the sums from which the metrics are computed: name of the sum
+    → [ny, nx].
+    Examples are the number of observed pixels, |error|, error² and distances. NaN where the needed
+    quantity (σ or a distance) is unknown. The function `figures` turns the sums into metrics."""
     surface, observed = np.isfinite(m.reference_z_m), np.isfinite(m.error_m)
     unknown = np.full(m.error_m.shape, np.nan)
     sigma_m, to_reference_m, to_map_m = (
@@ -89,8 +92,8 @@ def terms(m: ErrorMap) -> Terms:
 
 def figures(t: Terms) -> Terms:
     """Compute the metrics from sums over pixels: metric → value, in the metric's unit.
-    t: the sums of the arrays of `terms` over any pixels, numbers or arrays of one shape, treated
-    elementwise. NaN or infinite where a metric is undefined."""
+    t: name → sum over pixels of the array of that name from `terms`. The sums may be numbers, or
+    arrays of one shape for elementwise results. NaN or infinite where a metric is undefined."""
     # without one there is nothing to be found
     surface = np.where(t["surface"] > 0, t["surface"], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -119,7 +122,7 @@ def figures(t: Terms) -> Terms:
 def pool(maps: Sequence[ErrorMap]) -> Values:
     """Compute the metrics over the pixels of all `maps` together: metric → value, None if
     undefined.
-    Each pixel counts once (a mean over pixels, not a mean of the maps' means)."""
+    Each pixel has the same weight, whichever map it is from."""
     totals, observed = dict.fromkeys(TERMS, np.float64(0)), [np.empty(0)]
     for m in map(_measured_pixels, maps):
         totals = {name: totals[name] + values.sum() for name, values in terms(m).items()}
@@ -139,8 +142,8 @@ def pool(maps: Sequence[ErrorMap]) -> Values:
 
 
 def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
-    """Compute how a capture's error varies over its frames: mean, standard deviation and largest
-    value.
+    """Compute how the error of a capture varies over its frames: mean and standard deviation of
+    both given errors, and the largest error of all frames: metric → value.
     mae_mm, max_mm [n]: mean and largest absolute error of each frame. Empty for a single frame, or
     if a frame observes nothing."""
     if len(mae_mm) < 2 or not np.isfinite([mae_mm, max_mm]).all():
@@ -155,8 +158,8 @@ def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
 
 
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
-    """Compute the metrics of each capture's error map: a DataFrame with one line per map, one
-    column per metric; NaN if undefined."""
+    """Compute the metrics of each capture's error map. Returns a DataFrame with one line for each
+    map and one column for each metric; NaN if undefined."""
     import pandas as pd
 
     return pd.DataFrame([pool([m]) for m in maps], columns=list(pool([])), dtype=float)
@@ -164,10 +167,10 @@ def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
 
 def mean_figures(captures: pd.DataFrame) -> Values:
     """Average the metrics over captures, as in the paper's table: metric → mean, None if undefined.
-    captures: one line per capture, from `of_captures`. A metric is averaged over the captures that
-    have it; `pooled_…` figures and the number of pixels are those of all captures' pixels together.
-    The mean of `floor_mm`, if that column is there, needs one of every capture that observes
-    anything."""
+    captures: one line for each capture, one column for each metric. A metric is averaged over the
+    captures that have it. The `pooled_…` metrics and the number of pixels are those of all
+    captures' pixels together. The mean of the column `floor_mm`, if present, is None unless every
+    capture that observes anything has a floor."""
     pixels = captures.n_observed.sum()
     values = {key: captures[key].mean() for key in captures.columns} | {
         "n_observed": pixels,
@@ -191,11 +194,12 @@ AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the cap
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Return the depth [n], metres, of the strongest scatterer in each repeat, for the precision.
-    z_m, amplitude [n, ny, nx]: depths, metres, and linear amplitudes. One pixel is used for all
-    repeats: the one with the largest mean amplitude of those observed in every repeat. (The
-    strongest pixel of each repeat may jump between glints of nearly equal strength, and would
-    measure the distance between them.) NaN if there is no such pixel."""
+    """Return the depth [n], metres, of the strongest scatterer in each repeated frame, from which
+    the precision is computed.
+    z_m, amplitude [n, ny, nx]: depths, metres, and linear amplitudes. The same pixel is used in all
+    frames: of the pixels observed in every frame, the one with the largest mean amplitude. (The
+    strongest pixel of each frame could jump between glints of nearly equal strength; the distance
+    between these would then be measured.) NaN if there is no such pixel."""
     steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
     if not steady.any():
         return np.full(len(z_m), np.nan)
@@ -204,9 +208,10 @@ def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarra
 
 
 def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
-    """Compute the precision, mm, and the relative precision, %: standard deviation over repeats.
+    """Compute the precision, mm, and the relative precision, %: metric → value.
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
-    metres. Deviations are averaged over the hands. Both are None if a hand has fewer than two
+    metres. The precision is the standard deviation over the repeats, averaged over the hands; the
+    relative one is 100 (1 − precision / mean depth). Both are None if a hand has fewer than two
     usable repeats."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
@@ -222,14 +227,15 @@ def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
 
 
 def deviation(values: np.ndarray) -> float:
-    """Standard deviation (n − 1) of `values` [n ≥ 2]; exactly 0 if all values are equal."""
+    """Return the standard deviation (n − 1) of `values` [n ≥ 2]; exactly 0 if all values are
+    equal."""
     return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
 
 
 def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Remove the repeats in which nothing was imaged (NaN) from each hand's depths [n_repeats].
-    Returns an empty list if a hand keeps fewer than two, because a mean over fewer hands would be
-    another figure."""
+    """Remove the repeats in which nothing was imaged (NaN) from the depths of each hand.
+    strongest_z_m: for each hand, depths [n_repeats]. Returns an empty list if any hand keeps fewer
+    than two, because a mean over fewer hands would be another figure."""
     hands = [
         z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
     ]
@@ -237,10 +243,10 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Average the standard deviation of depth, mm, over the hands; returned with its degrees of
-    freedom.
-    strongest_z_m: for each hand, its depths [n_repeats], metres. ν = (Σ s)² / Σ (s²/ν_hand)
-    (Welch–Satterthwaite). None if a hand has fewer than two usable repeats."""
+    """Return the standard deviation of depth over repeats, mm, averaged over the hands, and its
+    degrees of freedom.
+    strongest_z_m: for each hand, depths [n_repeats], metres. Degrees of freedom are ν = (Σ s)² / Σ
+    (s²/ν_hand) (Welch–Satterthwaite). None if a hand has fewer than two usable repeats."""
     hands = usable_repeats(strongest_z_m)
     if not hands:
         return None
@@ -252,8 +258,8 @@ def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] |
 
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:
-    """Return metric → "definition [unit]; lower is better", as written to results and metric
-    files."""
+    """Describe metrics in the words that results and metric files record: metric → "definition
+    [unit]; lower is better"."""
     return {
         k: f"{m.definition} [{m.unit}]; {m.better} is better" for k in keys if (m := METRICS.get(k))
     }

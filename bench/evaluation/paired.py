@@ -1,5 +1,5 @@
-"""Tests with the capture as unit: of two methods on the same captures, and of one method on
-different captures."""
+"""Statistical tests in which each capture counts as one value: of two methods on the same captures,
+and of one method on different captures."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -17,9 +17,10 @@ from handbench.support.errors import HandbenchError
 
 
 class Difference(NamedTuple):
-    """The result of a test of two methods or results: B − A in the metric's unit, its 95 %
-    interval, and the p-value of no difference, not corrected for further tests. NaN: unknown, or
-    too few captures for a test."""
+    """Result of a test of B against A, which are two methods or two results.
+    difference: B − A in the metric's unit; low, high: its 95 % interval; p: p-value of the
+    hypothesis that there is no difference, not corrected for further tests. NaN: unknown, or too
+    few captures for a test."""
 
     difference: float
     low: float = np.nan
@@ -28,10 +29,10 @@ class Difference(NamedTuple):
 
 
 def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Test B − A by Student's paired t-test, from figures a, b [n] of the same captures in one
-    order.
-    Pairing cancels what a capture adds to both. Captures with NaN in either are left out. With
-    fewer than FEWEST captures only the difference is known."""
+    """Test B − A by Student's paired t-test.
+    a, b [n]: figures of A and B on the same captures, in the same order. Pairing removes the error
+    that a capture adds to both. Captures with NaN in either are left out. With fewer than five
+    captures (FEWEST), only the difference is returned."""
     known = np.isfinite(a) & np.isfinite(b)
     gained = (b - a)[known]
     if not len(gained):
@@ -50,9 +51,9 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
-    """Test B − A by Welch's t-test (1947), from figures a [n], b [m] of two independent sets of
-    captures.
-    NaN are left out. With fewer than FEWEST captures on a side only the difference is known."""
+    """Test B − A by Welch's t-test (1947), for two independent sets of captures.
+    a [n], b [m]: one figure for each capture of A and of B. NaN are left out. With fewer than five
+    captures (FEWEST) in either set, only the difference is returned."""
     a, b = (values[np.isfinite(values)] for values in (a, b))
     if not len(a) or not len(b):
         return Difference(np.nan)
@@ -73,7 +74,8 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
     """Test the difference of two precisions, mm, by the F test of their variances.
     hands_a, hands_b: for each hand, the depth of its strongest scatterer in every repeat
     [n_repeats], metres. All repeats count as independent, which is cautious if both methods image
-    the same echoes. The interval is that of the ratio, applied to A's precision."""
+    the same echoes. The interval of the difference follows from that of the ratio of the
+    precisions, multiplied by A's precision."""
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Difference(np.nan)
@@ -95,13 +97,15 @@ def compare(
     titles: Mapping[str, str] | None = None,
     treatment: str = "",
 ) -> pd.DataFrame:
-    """Compare every pair of methods by one metric: the table COMPARISONS, one line a pair.
-    figures: method → the metric on each capture [n], the same captures in the same order. reference
-    and treatment (one of TREATMENTS, or "" for each method as it is) are noted in the lines;
-    titles: method → its name in the sentences. p-values are corrected for all pairs (Holm). Methods
-    without a figure are left out.
-    Raises HandbenchError for unequal numbers of captures and for metrics of which neither lower nor
-    higher is better."""
+    """Test every pair of methods by one metric. Returns the table COMPARISONS, with one line for
+    each pair.
+    figures: method → the metric on each capture [n], for the same captures in the same order.
+    reference, treatment: written into the lines; treatment is the name of an equal treatment (same
+    smoothing for all methods), or "" for methods with their own settings. titles: method → its name
+    in the sentences. p-values are corrected for the number of pairs (Holm). Methods without any
+    figure are left out.
+    Raises HandbenchError for unequal numbers of captures, and for a metric of which neither lower
+    nor higher values are better."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
             f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
@@ -153,8 +157,8 @@ def _sentence(line: Any, names: Mapping[str, str]) -> str:
 
 
 def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
-    """Write a difference ≥ 0 with its interval, as "0.42 mm [0.31, 0.53]", to its significant
-    digits."""
+    """Write a difference ≥ 0 with its interval, such as "0.42 mm [0.31, 0.53]", rounded to its
+    significant digits."""
     places = _places(difference)
     return f"{amount_text(difference, unit)} [{low:.{places}f}, {high:.{places}f}]".replace(
         "-", "−"
@@ -162,7 +166,8 @@ def amounts_text(difference: float, low: float, high: float, unit: str) -> str:
 
 
 def amount_text(difference: float, unit: str) -> str:
-    """Write a difference with its unit, to its significant digits; % become "percentage points"."""
+    """Write a difference with its unit, rounded to its significant digits. The unit "%" becomes
+    "percentage points"."""
     shown = "percentage points" if unit == "%" else unit
     return f"{difference:.{_places(difference)}f} {shown}".replace("-", "−")
 
@@ -174,8 +179,9 @@ def _places(difference: float) -> int:
 def _ordered(
     pair: tuple[str, str], figures: Mapping[str, np.ndarray], direction: str
 ) -> tuple[str, str]:
-    """Return the pair with the better method first, by the mean over the captures that both have;
-    equal ones keep their order."""
+    """Return the pair of methods with the better one first, judged by the mean over the captures
+    that both have. Equal methods keep their order.
+    direction: "lower" or "higher" values of the metric are better."""
     first, second = pair
     gained = (
         np.nanmean(figures[second] - figures[first])
@@ -186,16 +192,17 @@ def _ordered(
 
 
 def _effect(a: np.ndarray, b: np.ndarray) -> float | None:
-    """Cohen's dz: the mean difference over the standard deviation of the captures' differences."""
+    """Return Cohen's d_z: |mean| of the differences b − a of the captures, divided by their
+    standard deviation; None if that is 0 or unknown."""
     gained = (b - a)[np.isfinite(b - a)]
     spread = deviation(gained) if len(gained) > 1 else 0.0
     return abs(float(gained.mean())) / spread if spread else None
 
 
 def holm_corrected(p: Sequence[float]) -> list[float]:
-    """Correct p-values for the number of tests (Holm 1979): a list in the same order.
-    The k-th smallest of m is multiplied by m − k + 1; the results never fall from one to the next
-    and are at most 1. NaN stay NaN and do not count as tests."""
+    """Correct p-values for the number of tests (Holm 1979). Returns a list in the same order.
+    The k-th smallest of m p-values is multiplied by m − k + 1. A larger p-value never gets a
+    smaller result, and no result is above 1. NaN stay NaN and do not count as tests."""
     given = np.asarray(p, float)
     found, known = given.copy(), np.flatnonzero(np.isfinite(given))
     order = known[np.argsort(given[known], kind="stable")]

@@ -1,19 +1,20 @@
 """Registration of a mesh to a radar depth map, for captures without a calibration target.
 
-Point-to-plane ICP along z (Chen & Medioni 1992): every pixel that the radar and the mesh share
-gives one distance e = (z_radar − z_mesh)·n_z, with the mesh's depth cast anew at each step. A small
-motion of the mesh, dp = τ + ω×(p − c) about the pixels' centre c, changes e by −n·dp, where n =
-(−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z lowers the weight of steep surfaces, whose z
-changes strongly with any sideways error. Tukey's weights remove outliers.
+Point-to-plane ICP along z (Chen & Medioni 1992): every pixel where both radar and mesh have a depth
+gives one distance e = (z_radar − z_mesh)·n_z; rays are cast at the moved mesh again in each step. A
+small motion of the mesh, dp = τ + ω×(p − c) about the centre c of the pixels, changes e by −n·dp,
+where n = (−∂z/∂x, −∂z/∂y, 1)/√(1 + |∇z|²). The factor n_z lowers the weight of steep surfaces,
+whose z changes strongly with any sideways error. Tukey's weights remove outliers.
 
-The pixels' errors are correlated: within a resolution cell, by speckle and by the methods' filters
-(visible in the residual distances), and over longer ranges, by a bias of the radar that the fit
-absorbs as motion. The covariance contains both, as Gaussian functions of the pixels' separation:
-the first with the strength and range of the residuals, the second as measured on simulated hands
-with known pose.
+The errors of the pixels are correlated. At short range, within a resolution cell, the cause is
+speckle and the methods' filters; this is visible in the residual distances. At longer range it is a
+bias of the radar, which the fit absorbs as motion. The covariance contains both, as Gaussian
+functions of the distance between pixels: the first with the strength and range of the residuals,
+the second as measured on simulated hands with known pose.
 
 The mesh is aligned to the radar itself, so a bias of the radar becomes part of the motion and
-cannot show afterwards. No metric calls this; the resulting transform records that it was refined.
+cannot show afterwards. No metric uses this registration; the resulting transform records that it
+was refined.
 """
 
 from dataclasses import replace
@@ -54,11 +55,11 @@ DIRECTIONS = ("x", "y", "z", "about x", "about y", "about z")
 
 
 class _Pixels(NamedTuple):
-    """The n pixels that radar and mesh share.
-    pixel [n]: flat index on the grid; place_m [2, n]: x and y; distance_m [n]: e, the radar's
-    distance from the mesh along its normal; jacobian [n, 6]: how a motion [τ, ω·radius_m] changes
-    n·dp, all in metres; centre_m [3], radius_m: centre and root-mean-square extent of the
-    points."""
+    """The n pixels where both radar and mesh have a depth.
+    pixel [n]: flat index on the grid; place_m [2, n]: x and y; distance_m [n]: distance of the
+    radar's point from the mesh along the normal, e; jacobian [n, 6]: change of n·dp by a motion [τ,
+    ω·radius_m]; centre_m [3], radius_m: centre and root-mean-square extent of the points. All
+    lengths are in metres."""
 
     pixel: np.ndarray
     place_m: np.ndarray
@@ -69,9 +70,10 @@ class _Pixels(NamedTuple):
 
 
 def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = None) -> Transform:
-    """Align a mesh file to a depth map's file by `refine`: the Transform into the radar frame.
-    start: the transform to begin from; without one, the mesh is in the radar frame. The result's
-    `refined` also names the depth map."""
+    """Align a mesh file to the file of a depth map. Returns the transform of the mesh into the
+    radar frame.
+    start: transform with which the alignment begins; None: the mesh is in the radar frame already.
+    The entry `refined` of the result describes the alignment and names the depth map."""
     transform = refine(
         read_surface(mesh_file), load_depthmap(depth_file), start or identity("radar")
     )
@@ -79,20 +81,20 @@ def refine_files(depth_file: Path, mesh_file: Path, start: Transform | None = No
 
 
 def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
-    """Find the mesh's transform into the radar frame, near `start`, for which its depth fits the
-    radar's. The scale is kept.
+    """Find the transform of a mesh into the radar frame, near `start`, with which the mesh fits the
+    radar's depths best. The scale is kept.
 
-    The result's `refined` records: the reason; the numbers of pixels, of left_out ones (outliers)
-    and of blocks of 15 × 15 mm that the pixels cover; rms_before_mm and rms_after_mm of the
-    distances; the motion translation_mm [3] and rotation_deg [3] (a vector) about centre_mm [3];
-    the uncertainty; the held directions (motions that the surface determines) and the free ones
-    (that it does not), in words; and the start.
+    The entry `refined` of the result records: the reason; the numbers of pixels, of outliers
+    (left_out) and of blocks of 15 × 15 mm that the pixels cover; rms_before_mm and rms_after_mm of
+    the distances; the motion as translation_mm [3] and rotation_deg [3] (a rotation vector) about
+    centre_mm [3]; the uncertainty; in words, the motions that the surface determines (held) and
+    those that it does not (free); and the start.
 
     The covariance (6×6, for the given scale) contains the scatter of the distances and the typical
-    bias of a radar on a hand (BIAS_M). Along free directions it is the start's; there is none if
-    the start has none. A larger bias, for example from a wrong delay, is not included. Raises
-    HandbenchError if both share too few pixels, if the iteration does not converge, or if the mesh
-    moves further than 15 mm or 10°.
+    bias of a radar on a hand (BIAS_M, 0.12 mm). A larger bias, for example from a wrong delay, is
+    not included. Along free motions the covariance is that of the start; if the start has none, the
+    result has none. Raises HandbenchError if radar and mesh have too few pixels in common, if the
+    iteration does not converge, or if the mesh moves by more than 15 mm or 10°.
     """
     matrix, walk, left = start.matrix, list[np.ndarray](), np.inf
     while True:
@@ -149,10 +151,11 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
 
 
 def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _Pixels:
-    """Find the pixels where mesh and depth map both have a depth; return their distances and
+    """Find the pixels where both mesh and depth map have a depth; return their distances and
     derivatives.
-    Left out are pixels whose phase may have wrapped, steep surface, and silhouettes, where the
-    slope (a central difference) is undefined or a jump. Raises HandbenchError if too few remain."""
+    radar_from_mesh: current transform of the mesh. Left out are pixels that may be wrapped in
+    phase, steep surface, and silhouettes, where the slope (a central difference) is undefined or a
+    jump. Raises HandbenchError if too few pixels remain."""
     if min(depth.z_m.shape) < 3:
         raise HandbenchError(
             f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more"
@@ -185,34 +188,38 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
 
 
 def _tukey(distance_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute Tukey's weights ψ(e)/e and slopes ψ'(e) of distances [n], metres; both [n].
-    Their scale is 1.4826 times the median of |e| about zero, so that a distant start loses no
-    pixels."""
+    """Compute Tukey's weights ψ(e)/e and slopes ψ'(e) for distances e [n], metres. Both are [n].
+    The scale is 1.4826 times the median of |e|, taken about zero so that a distant start does not
+    make all pixels outliers."""
     scale_m = max(1.4826 * float(np.median(np.abs(distance_m))), FINEST_M)
     u2 = np.minimum((distance_m / (TUKEY * scale_m)) ** 2, 1)
     return (1 - u2) ** 2, (1 - u2) * (1 - 5 * u2)
 
 
 def _directions(jacobian: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Find which motions the surface determines: eigenvectors [6, 6] of the normal matrix, in
-    columns, and their conditions [6] in rising order.
-    A condition is the largest eigenvalue divided by the vector's own; up to CONDITION the surface
-    determines the motion. Motions are measured by how far they move the pixels, metres."""
+    """Find which rigid motions the surface determines: eigenvectors [6, 6] of the normal matrix, as
+    columns, and their condition numbers [6], ascending.
+    jacobian [n, 6], weight [n]: derivatives and weights of the pixels' distances. A condition
+    number is the largest eigenvalue divided by that of the vector; up to 300 (CONDITION), the
+    surface determines the motion. The size of a motion is how far it moves the pixels, metres."""
     value, vector = np.linalg.eigh(jacobian.T @ (weight[:, None] * jacobian))
     value, vector = value[::-1], vector[:, ::-1]
     return vector, value[0] / np.maximum(value, 1e-12 * value[0])
 
 
 def _solve(pixels: _Pixels, weight: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """The Gauss–Newton step [6] = [τ, ω·radius_m] of the pixels' distances, weighted by `weight`
-    [pixels], along the directions `held` [6, k] only, which the pixels determine."""
+    """Return the Gauss–Newton step [6] = [τ, ω·radius_m], metres, that reduces the pixels'
+    distances.
+    weight [n]: weights of the pixels; held [6, k]: the directions that the surface determines, to
+    which the step is restricted."""
     jacobian = pixels.jacobian @ held
     normal = jacobian.T @ (weight[:, None] * jacobian)
     return held @ np.linalg.solve(normal, jacobian.T @ (weight * pixels.distance_m))
 
 
 def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
-    """The step as a 4×4 matrix: a turn about the pixels' centre, then a shift."""
+    """Return a step [τ, ω·radius_m] as a 4×4 matrix: a rotation about the centre of the pixels,
+    followed by a translation."""
     motion = np.eye(4)
     motion[:3, :3] = Rotation.from_rotvec(step[3:] / pixels.radius_m).as_matrix()
     motion[:3, 3] = pixels.centre_m + step[:3] - motion[:3, :3] @ pixels.centre_m
@@ -222,12 +229,15 @@ def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
 def _scatter(
     pixels: _Pixels, weight: np.ndarray, curvature: np.ndarray, held: np.ndarray
 ) -> np.ndarray:
-    """Covariance [k, k] of the fit within the determined directions [6, k]: M⁻¹ (s² Σ J_i J_jᵀ
-    ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ over all pairs of pixels, M = Σ ψ' JᵀJ, b = w·n_z·J
-    (Conley 1999), ρ(r; ℓ) = exp(−r²/2ℓ²). s² is the mean square of u = w·e, divided by the share of
-    it that the fit has not absorbed. ℓ follows from τ, the mean of u_i u_j/s² over the pairs, each
-    weighted by ρ(r_ij; q): ℓ² = q²τ/(1 − τ), since the integral of ρ(r; ℓ)ρ(r; q) has τ = ℓ²/(ℓ² +
-    q²)."""
+    """Compute the covariance [k, k] of the fitted motion along the directions that the surface
+    determines, held [6, k].
+    It is M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ (Conley 1999), summed over
+    all pairs of pixels, with M = Σ ψ' JᵀJ, b = w·n_z·J, and the correlation ρ(r; ℓ) = exp(−r²/2ℓ²).
+    weight [n] is w, curvature [n] is ψ'.
+    s² is the mean square of u = w·e, divided by the share of it that the fit has not absorbed. ℓ
+    follows from τ, the mean of u_i u_j/s² over the pairs with weights ρ(r_ij; q): ℓ² = q²τ/(1 − τ),
+    since the integral of ρ(r; ℓ)ρ(r; q) gives τ = ℓ²/(ℓ² + q²). β is the radar's bias (BIAS_M), L
+    its correlation length (BIAS_REACH_M), and q a fixed length (PROBE_M)."""
     jacobian, left_m = pixels.jacobian @ held, weight * pixels.distance_m
     variance_m2 = float((left_m**2).mean()) + FINEST_M**2
     probed_m2 = _paired(left_m[:, None], pixels, PROBE_M) / _paired(
@@ -245,8 +255,9 @@ def _scatter(
 
 
 def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
-    """Σ v_i v_jᵀ exp(−r_ij²/2ℓ²) [k, k] over all pairs of pixels with values [n, k]: along y, then
-    along x."""
+    """Compute Σ v_i v_jᵀ exp(−r_ij²/2ℓ²) [k, k] over all pairs of pixels, where r_ij is their
+    distance and ℓ is reach_m.
+    values [n, k]: the vectors v. The Gaussian is applied along y, then along x."""
     (x_m, column), (y_m, row) = (np.unique(axis, return_inverse=True) for axis in pixels.place_m)
     grid = np.zeros((values.shape[1], len(y_m), len(x_m)))
     grid[:, row, column] = values.T
@@ -255,11 +266,11 @@ def _paired(values: np.ndarray, pixels: _Pixels, reach_m: float) -> np.ndarray:
 
 
 def _left(walk: list[np.ndarray], scatter: np.ndarray) -> float:
-    """Estimate how far the iteration still has to go, in standard deviations, from its steps so
-    far.
-    After motions a, then b, there remain |b|²/(|a| − |b|) (Aitken). Motions are single steps, or
-    sums of ROUND steps, which detects an iteration that circles because pixels at outlines come and
-    go. scatter: covariance of the fit, the unit. 0 once a step is below STILL_M."""
+    """Estimate how far the iteration still has to move the mesh, in standard deviations of the fit.
+    walk: the steps so far; scatter: covariance of the fit. If a motion a was followed by a motion
+    b, there remain |b|²/(|a| − |b|) (Aitken). This is evaluated for single steps and for sums of
+    six steps (ROUND); the sums detect an iteration that circles because pixels at outlines come and
+    go. The smaller estimate is returned; 0 once a step is below 1 µm (STILL_M)."""
     left = 0.0 if walk and np.linalg.norm(walk[-1]) < STILL_M else np.inf
     for stride in (1, ROUND):
         if len(walk) >= 2 * stride:
@@ -278,9 +289,9 @@ def _covariance(
     start: np.ndarray | None,
 ) -> np.ndarray | None:
     """Compute the covariance [6, 6] of [translation, rotation] about the origin.
-    Along the motions that the surface determines, held [6, k], it is the fit's `scatter` [k, k];
-    along the others, free [6, 6 − k], that of the start; None if it is needed and the start has
-    none."""
+    Along the directions that the surface determines, held [6, k], it is that of the fit, scatter
+    [k, k]. Along the others, free [6, 6 − k], it is that of the start. None if there are free
+    directions and the start has no covariance."""
     if free.shape[1] and start is None:
         return None
     # from [τ, ω·radius_m]
@@ -293,8 +304,9 @@ def _covariance(
 
 
 def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
-    """The sentence with the uncertainty at the pixels' centre, or with the reason why there is
-    none."""
+    """Return a sentence with the standard deviations at the centre of the pixels, or with the
+    reason why there are none.
+    free: names of the directions that the surface does not determine."""
     if moved.covariance is None:
         return (
             f"no covariance: the surface does not hold {', '.join(free)}, and the start "
@@ -312,8 +324,8 @@ def _uncertainty(moved: Transform, pixels: _Pixels, free: list[str]) -> str:
 
 
 def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Number the square of BLOCK_M × BLOCK_M that contains each place (x, y): [n], from 0. A single
-    −1 if there are no places."""
+    """Return for each place (x, y) the number of the square of 15 × 15 mm (BLOCK_M) that contains
+    it: [n], from 0. The array [−1] if there are no places."""
     if not len(x_m):
         return np.full(1, -1)
     cell = np.stack([np.floor((axis - axis.min()) / BLOCK_M + 1e-9) for axis in (y_m, x_m)])
@@ -321,8 +333,8 @@ def _blocks(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
 
 
 def _name(vector: np.ndarray) -> str:
-    """The components of a direction above 0.3 in words, the largest first, as "+0.95 z −0.31 about
-    x"."""
+    """Describe a direction of motion [6] by its components above 0.3, the largest first, such as
+    "+0.95 z −0.31 about x"."""
     vector = vector * np.sign(vector[np.abs(vector).argmax()])
     parts = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.3]
     return " ".join(

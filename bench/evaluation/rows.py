@@ -1,4 +1,5 @@
-"""The lines of the table: each figure with its interval, its unit and the paper's figure."""
+"""Functions that make the lines of a result's main table: each figure with its interval, its unit
+and the value of the paper."""
 
 from collections.abc import Sequence
 
@@ -25,9 +26,10 @@ def accuracy_rows(
     protocol: Protocol = PAPER,
     floor: Interval | None = None,
 ) -> pd.DataFrame:
-    """Make the lines of TABLE with one method's accuracy against one reference.
-    captures: the figures of each capture, from `of_captures`, with a column `floor_mm` if the floor
-    is known. protocol: which metrics are shown. floor: the interval of the ground-truth floor."""
+    """Make the lines of the main table with the accuracy of one method against one reference.
+    captures: one line for each capture, one column for each metric, and a column `floor_mm` if the
+    ground-truth floor is known. protocol: which metrics are shown. floor: interval of the
+    ground-truth floor."""
     intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
     values = {"floor_mm": None} | mean_figures(captures)
     known = {key: value for key, value in values.items() if key in protocol.metrics}
@@ -37,8 +39,10 @@ def accuracy_rows(
 def frame_rows(
     method: str, reference: str, captures: Sequence[Values], protocol: Protocol = PAPER
 ) -> pd.DataFrame:
-    """Make the lines of TABLE with the figures over all frames, averaged over the captures.
-    captures: each capture's `over_frames`. A figure that any capture lacks is left out."""
+    """Make the lines of the main table with the figures over all frames, averaged over the
+    captures.
+    captures: for each capture, how its error varies over the frames: metric → value. A metric that
+    any capture lacks is left out."""
     shared = set.intersection(*map(set, captures)) if captures else set()
     found = {
         key: np.array([figures[key] for figures in captures], float)
@@ -56,10 +60,11 @@ def precision_rows(
     strongest_z_m: Sequence[np.ndarray],
     pixels_mm: Sequence[float] = (),
 ) -> pd.DataFrame:
-    """Make the lines of TABLE with a method's precision, and its precision per pixel if known.
+    """Make the lines of the main table with the precision of a method, and its precision per pixel
+    if known.
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
-    metres. pixels_mm: each hand's median over the pixels of their standard deviation, mm. The
-    precision needs no reference; the lines are repeated under each one."""
+    metres. pixels_mm: for each hand, the median over the pixels of their standard deviation, mm.
+    The precision does not depend on `reference`, which is only written into the lines."""
     values, key = precision(strongest_z_m), "pixel_precision_mm"
     intervals: Intervals = {"precision_mm": precision_interval(strongest_z_m)}
     if len(pixels_mm):
@@ -74,8 +79,9 @@ def precision_rows(
 def time_rows(
     method: str, reference: str, seconds: Sequence[float] | np.ndarray, seed: int = 0
 ) -> pd.DataFrame:
-    """Make the line of TABLE with the time per frame: the median of `seconds`, with a bootstrap
-    interval. It does not depend on the reference and is repeated under each one."""
+    """Make the line of the main table with the time per frame: the median of `seconds`, with a
+    bootstrap interval.
+    The time does not depend on `reference`, which is only written into the line."""
     frames_s = np.asarray(seconds, dtype=np.float64)
     value = float(np.median(frames_s)) if len(frames_s) else None
     return _rows(
@@ -84,7 +90,8 @@ def time_rows(
 
 
 def _rows(method: str, reference: str, values: Values, intervals: Intervals) -> pd.DataFrame:
-    """Make a line of TABLE for each figure that is a known metric, in the order of METRICS."""
+    """Make a line of the main table for each of `values` (metric → figure) that is a known metric,
+    in the order of METRICS."""
     rows = []
     for key in (key for key in METRICS if key in values):
         low, high = intervals.get(key) or (None, None)

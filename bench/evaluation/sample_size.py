@@ -1,9 +1,9 @@
-"""Number of captures that a comparison of methods needs: variance components of its figures, and
-the power of the tests in `paired`.
+"""Number of captures that a comparison of methods needs: variance components of a metric, and power
+of the t-tests.
 
-The figure of method m on capture c is y_mc = μ + method + capture + method × capture (+ residual).
-A paired test cancels the capture's component; a test between different captures, or different
-hands, contains it twice.
+The value of a metric for method m on capture c is y_mc = μ + method + capture + method × capture (+
+residual). A paired test cancels the component of the capture. A test between different captures, or
+different hands, contains it twice.
 """
 
 from bisect import bisect_left
@@ -24,10 +24,10 @@ POWER = 0.8  # the chance of showing a difference that there is
 
 
 class Components(NamedTuple):
-    """Standard deviations of the variance components of a metric, and the number of captures used.
-    capture: between captures; interaction: of method and capture; residual: between repeats of one
-    method on one capture, NaN without repeats (the interaction then includes it). Negative
-    estimates of a variance become 0."""
+    """Standard deviations of a metric's variance components, and the number of captures used.
+    capture: differences between captures; interaction: differences that depend on both method and
+    capture; residual: differences between repeats of one method on one capture, NaN without repeats
+    (the interaction then includes them). A variance estimated as negative becomes 0."""
 
     capture: float
     interaction: float
@@ -36,10 +36,11 @@ class Components(NamedTuple):
 
 
 def components(figures: np.ndarray) -> Components:
-    """Estimate the variance components of a metric by the two-way analysis of variance, captures
-    random.
+    """Estimate the variance components of a metric by two-way analysis of variance with random
+    captures.
     figures: [captures, methods] or [captures, methods, repeats]. Captures that lack a figure are
-    left out. Raises HandbenchError for fewer than LEAST captures or two methods."""
+    left out. Raises HandbenchError for fewer than three captures (LEAST) or fewer than two
+    methods."""
     cells = figures[..., None] if figures.ndim == 2 else figures
     cells = cells[np.isfinite(cells).all(axis=(1, 2))]
     n, k, r = cells.shape
@@ -63,9 +64,10 @@ def components(figures: np.ndarray) -> Components:
 
 
 def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return the variance components of a metric by name, as plain numbers for result.json.
-    figures: method → the metric on the same captures [n]. Empty for too few captures; the residual
-    is left out if it is unknown."""
+    """Return the variance components of a metric for result.json: name → standard deviation, and
+    the number of captures.
+    figures: method → the metric on the same captures [n]. Empty if there are too few captures or
+    methods; an unknown residual is left out."""
     try:
         found = components(np.stack(list(figures.values()), axis=1))._asdict()
     except HandbenchError:
@@ -74,16 +76,17 @@ def variance_facts(figures: Mapping[str, np.ndarray]) -> dict[str, float]:
 
 
 def paired_power(effect: float, spread: float, n: int, alpha: float = ALPHA) -> float:
-    """Compute the power of the two-sided paired t-test of n captures at level alpha.
+    """Compute the power of the two-sided paired t-test with n captures at significance level alpha.
     effect: true mean difference; spread: standard deviation of the captures' differences, in the
     same unit."""
     return _power(effect * np.sqrt(n) / spread, n - 1, alpha) if spread else 1.0
 
 
 def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: float = ALPHA) -> float:
-    """Compute the power of Welch's two-sided test of two groups of n captures each, at level alpha.
+    """Compute the power of Welch's two-sided test of two groups of n captures each, at significance
+    level alpha.
     effect: true difference of the means; spreads: standard deviation in each group. Uses the
-    noncentral t with the degrees of freedom of the true variances."""
+    noncentral t distribution, with the degrees of freedom of the true variances."""
     a, b = (spread**2 / n for spread in spreads)
     return (
         _power(effect / np.sqrt(a + b), (a + b) ** 2 * (n - 1) / (a**2 + b**2), alpha)
@@ -93,7 +96,8 @@ def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: floa
 
 
 def _power(shift: float, freedom: float, alpha: float) -> float:
-    """Probability that a noncentral t is beyond Student's critical values."""
+    """Return the probability that a noncentral t (noncentrality `shift`) is beyond Student's
+    two-sided critical values at level alpha."""
     reach = stats.t.isf(alpha / 2, freedom)
     if shift > reach + 37:  # the noncentral t of larger shifts is NaN
         return 1.0
@@ -103,20 +107,21 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:
-    """Find the smallest number of captures, from 2 on, with at least this power; None above MOST.
-    power_of: number of captures → power of the test."""
+    """Find the smallest number of captures, from 2 on, with which a test has at least the given
+    power. None if it is above 100 000 (MOST).
+    power_of: function from a number of captures to the power of the test."""
     few = bisect_left(range(2, MOST + 1), power, key=power_of) + 2
     return few if few <= MOST else None
 
 
 def hands_needed(difference: float, spreads: Sequence[float], alpha: float = ALPHA) -> int | None:
-    """Find the number of captures that show this difference of means at level alpha with a power of
-    POWER.
+    """Find the number of captures that show a given difference of means at level alpha with a power
+    of 80 % (POWER).
 
-    spreads: one standard deviation, of the differences of pairs (paired t-test; the number is of
-    pairs), or two, of each group (Welch's test; the number is of each group). The result is at
-    least FEWEST, the smallest sample that is tested. None: there is no difference, or more than
-    MOST are needed.
+    spreads: one standard deviation, that of the pairs' differences (paired t-test; the result is
+    the number of pairs), or one for each of two groups (Welch's test; the result is the size of
+    each group). The result is at least five (FEWEST), the smallest sample that is tested. None if
+    the difference is 0 or not finite, or if more than 100 000 captures (MOST) are needed.
     """
     if not difference or not np.isfinite(difference):
         return None

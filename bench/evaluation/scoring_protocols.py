@@ -18,9 +18,10 @@ from handbench.support.errors import HandbenchError
 @dataclass(frozen=True)
 class Protocol:
     """A way of scoring a benchmark: which pixels count, against which reference, by which metrics.
-    metrics: those in the table; compared: those by which methods are compared; masks, erodes:
-    whether the data set's mask is applied, and its edges are left out. scoring_protocols.toml
-    explains all fields."""
+    metrics: those in the table; compared: those by which methods are compared; rules: the rules in
+    words; setting: with what the protocol's authors measured; masks: whether the data set's own
+    mask is applied; erodes: whether pixels at the edges of the target are left out; frame: the
+    frame that is scored."""
 
     id: str
     version: int
@@ -34,14 +35,14 @@ class Protocol:
     frame: int = 0
 
     def about(self) -> dict[str, Any]:
-        """The entry "protocol" of result.json."""
+        """Return the protocol as the entry "protocol" of result.json."""
         facts = {name: getattr(self, name) for name in ("id", "version", "source", "frame")}
         figures = {"metrics": list(self.metrics), "compared": list(self.compared)}
         return {**facts, **self.rules, **figures, "setting": self.setting}
 
 
 def _protocols() -> dict[str, Protocol]:
-    """The protocols of scoring_protocols.toml."""
+    """Read the protocols of scoring_protocols.toml: id → Protocol."""
     known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
     found = {}
     for name, own in known.items():
@@ -60,7 +61,7 @@ PAPER = PROTOCOLS["paper"]
 
 
 def protocol(name: str) -> Protocol:
-    """Return the protocol of this name. Raises HandbenchError for an unknown one."""
+    """Return the protocol with this id. Raises HandbenchError for an unknown one."""
     if name not in PROTOCOLS:
         raise HandbenchError(f"protocol: unknown '{name}'; {suggest(name, list(PROTOCOLS))}")
     return PROTOCOLS[name]

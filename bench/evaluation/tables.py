@@ -1,8 +1,7 @@
-"""Tables as pandas DataFrames, read and written as CSV. A TOML file declares their columns;
-tables.toml declares those of result folders.
+"""Tables as pandas DataFrames, with declared columns, and their reading and writing as CSV.
 
-An unknown figure is NaN in a DataFrame and an empty cell in a file. Text is never missing: it may
-be empty.
+The columns are declared in TOML files; tables.toml declares those of result folders. An unknown
+figure is NaN in a DataFrame and an empty cell in a file. Text is never missing, but may be empty.
 """
 
 from __future__ import annotations
@@ -47,12 +46,12 @@ FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table, with its meaning and the kind of its values.
-    unit: of its numbers, if it is the same in every line. optional: older files may lack the
-    column. counts: if a line's column `unit` has this value, the number is a whole one.
+    """One column of a table: its name, type of values (kind) and meaning.
+    unit: that of its numbers, if the same in every line. optional: older files may lack the column.
+    counts: numbers are written as whole ones in lines whose column `unit` has this value.
 
-    For readers: heading: with the unit (empty: the column is only in files); scale: factor on the
-    value; form: its format string, or a name in FORMS.
+    For the tables of reports: heading: with the unit (empty: the column is only in files); scale:
+    factor by which a value is multiplied; form: format string, or a name in FORMS.
     """
 
     name: str
@@ -66,7 +65,7 @@ class Column:
     scale: float = 1
 
     def cell(self, value: Any) -> str:
-        """The value formatted for a reader; empty for None and NaN."""
+        """Return a value formatted for a report; "" for None and NaN."""
         if value is None or value != value:  # only NaN differs from itself
             return ""
         if self.form in FORMS:
@@ -76,19 +75,19 @@ class Column:
 
 @dataclass(frozen=True)
 class Schema:
-    """The columns of one table, in order."""
+    """The declared columns of one table, in order."""
 
     columns: tuple[Column, ...]
 
     @property
     def names(self) -> list[str]:
-        """Names of the columns."""
+        """The names of the columns, in order."""
         return [column.name for column in self.columns]
 
 
 def declared_tables(module: str) -> dict[str, Schema]:
-    """Read the tables that a module declares in the TOML file beside it: table → Schema. module:
-    the module's `__file__`."""
+    """Read the columns of tables from the TOML file with the same name as a module: table → Schema.
+    module: the module's `__file__`."""
     known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
     return {
         table: Schema(tuple(_column(*entry) for entry in columns.items()))
@@ -113,18 +112,18 @@ RANKING = SCHEMAS["ranking"]
 def frame(
     schema: Schema, rows: Iterable[Mapping[str, Any]] | Iterable[Sequence[Any]] = ()
 ) -> pd.DataFrame:
-    """Make a DataFrame with a schema's columns from lines.
-    rows: one entry a line, either a mapping from column to value or the values in the order of the
-    columns; None: unknown."""
+    """Make a DataFrame with the columns and types of a schema.
+    rows: one entry for each line, either column → value, or the values in the order of the columns.
+    None: unknown."""
     import pandas as pd
 
     return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """Return the table with the columns and dtypes of its schema.
-    Unknown values in optional columns are filled in; ValueError for unknown values in other columns
-    that cannot hold them."""
+    """Return the table with the columns and types that its schema declares.
+    Unknown values in optional columns are replaced by "", 0 or False. Raises ValueError for unknown
+    values in other columns, except in those of real numbers, which hold NaN."""
     import pandas as pd
 
     typed = {}
@@ -141,10 +140,11 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
 
 
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
-    """Arrange the scores against one reference: method → DataFrame, one line per capture, one
-    column per metric.
-    treatment: one of the equal treatments, or "" for each method as it is. Only the first frame of
-    each capture counts. Captures and metrics keep the order of the scores; NaN where there is no
+    """Arrange the scores against one reference: method → DataFrame with one line for each capture
+    and one column for each metric.
+    scores: the table of scores, with one line for each figure. treatment: an equal treatment (same
+    smoothing for all methods), or "" for methods with their own settings. Only the first frame of
+    each capture is used. Captures and metrics keep the order of the scores; NaN where there is no
     value."""
     lines = scores[
         (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
@@ -159,20 +159,21 @@ def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMe
 
 
 def each(table: pd.DataFrame) -> Iterator[Any]:
-    """Iterate over the lines of a table as named tuples of its columns."""
+    """Return an iterator over the lines of a table, each as a named tuple with the table's
+    columns."""
     return iter(table.itertuples(index=False, name="Line"))
 
 
 def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Convert a table to a list of dictionaries by column, with None for unknown values."""
+    """Return the lines of a table as dictionaries, column → value, with None for unknown values."""
     lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
     return lines
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
-    """Read a table from a CSV file that `write` has made.
-    An older file may lack the last columns, if these are optional. Raises HandbenchError for other
-    columns, and for the first cell of a wrong kind, naming its line."""
+    """Read a table from a CSV file that handbench wrote.
+    An older file may lack the last columns, if these are optional. Raises HandbenchError for a file
+    with other columns, and for a cell that is not of its column's type, naming the line."""
     import pandas as pd
 
     try:
@@ -204,8 +205,9 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
 
 
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
-    """Write a table with a header line, atomically; values that are not finite become empty
-    cells."""
+    """Write a table to a CSV file with a header line, atomically. Values that are not finite become
+    empty cells.
+    Raises HandbenchError if the columns are not those of the schema."""
     if list(table.columns) != schema.names:
         raise HandbenchError(
             f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}"
@@ -230,7 +232,9 @@ def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
 
 
 def _values(columns: Sequence[Column], cells: Sequence[str], number: int) -> list[Any]:
-    """The values of a line's cells. number: the number of the line in its file."""
+    """Convert the text of a line's cells to the types of their columns. Raises ValueError for text
+    of another type.
+    number: number of the line in its file, for the message."""
     if len(cells) != len(columns):
         raise ValueError(f"line {number}: has {len(cells)} cells; expected {len(columns)}")
     values = []

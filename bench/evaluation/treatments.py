@@ -1,5 +1,5 @@
-"""The equal treatments: every method with the same thresholds and filters; and the depth maps that
-they give."""
+"""Equal treatments, under which every method gets the same smoothing, and the depth maps that
+result."""
 
 from typing import NamedTuple
 
@@ -11,11 +11,11 @@ OPEN_DB = -20.0  # threshold of the maps whose pixels are ordered
 
 
 class TreatedDepths(NamedTuple):
-    """A method's depths on one capture under one equal treatment (thresholds and smoothing the same
-    for all methods), all [ny, nx].
-    z_m: depths above the method's own threshold; open_z_m: depths above the lower threshold
-    OPEN_DB; metres, NaN elsewhere. open_db: amplitudes by which the pixels of open_z_m are
-    ordered."""
+    """Depth maps of one method on one capture under one equal treatment (same smoothing for all
+    methods). All arrays are [ny, nx].
+    z_m: depths of the pixels above the method's own threshold, metres; open_z_m: depths of those
+    above a low threshold (OPEN_DB, −20 dB, or the method's own if that is lower); NaN elsewhere.
+    open_db: amplitudes in dB by which the pixels of open_z_m are ordered."""
 
     z_m: np.ndarray
     open_z_m: np.ndarray

@@ -1,2 +1,6 @@
-"""The steps of the main job, one file each, so that an edit of one recomputes only its own results.
-The command line, the Python interface, the runner and the trade-off call them."""
+"""The steps that all commands share: from echoes to a depth map (`image`), and from a depth map to
+scores (`score`).
+
+Each step is a file of its own, so that an edit of one recomputes only its own results. The command
+line, the Python interface, the runner of benchmarks and the trade-off call them.
+"""

@@ -1,4 +1,5 @@
-"""The step from echoes to a depth map: the checks, the image, its uncertainty."""
+"""The step from echoes to a depth map: checks of the capture, imaging by a method, and the
+uncertainty of the depths."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,20 +21,22 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class ImagingTask:
-    """A method, its settings and the echoes of the frames to image, checked by `prepare`."""
+    """A method, its configuration, and the echoes of the frames that it images; `prepare` has
+    checked that they fit."""
 
     method: Method
     settings: Config
     echoes: RadarCapture
 
     def image(self, frame: int = 0) -> Reconstruction:
-        """Image one frame: the depth map, still without uncertainty, with what else the method
-        gives."""
+        """Image one frame by the method: its depth map, still without p_gross, and what else the
+        method returns, such as a volume."""
         return self.method.run(self.echoes, self.settings, frame)
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
-        """Add to a depth map of this task its standard deviations, flags and p_gross. Raises
-        HandbenchError for a map that cannot be scored, as a plug-in may return."""
+        """Return a depth map of this task with p_gross, the probability of a gross error, added;
+        its standard deviations are raised to what the antennas can resolve. Raises HandbenchError
+        for an invalid map, such as a plug-in may return."""
         from handbench.radar.methods.depth_uncertainty import with_p_gross  # it reads a calibration
 
         checked = depth.checked(f"method '{self.method.id}'")
@@ -47,11 +50,11 @@ def prepare(
     frame: int = 0,
     every_nth_antenna: int = 1,
 ) -> ImagingTask:
-    """Check that a method can image a capture's frames 0 to `frame`, and return the task that does
-    it.
+    """Check that a method can image the frames 0 to `frame` of a capture, and return the task that
+    images them.
 
     Args:
-        echoes: of these frames at least.
+        echoes: the capture, with these frames at least.
         chosen: the method.
         settings: its configuration, from `configuration`.
         frame: the last frame that is needed.
@@ -59,7 +62,7 @@ def prepare(
 
     Raises:
         HandbenchError: the capture lacks the frame or a tone, its echoes show no depth, or an
-        antenna is implausibly far away (positions in millimetres).
+            antenna is implausibly far away (positions in millimetres).
     """
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
@@ -75,8 +78,8 @@ def prepare(
 
 def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0) -> DepthMap:
     """Image one frame of a capture by a method: the depth map with its standard deviations, flags
-    and p_gross (the probability of a gross error). Raises HandbenchError if the method cannot image
-    it."""
+    and p_gross, the probability of a gross error. Raises HandbenchError if the method cannot image
+    the frame."""
     from handbench.radar.warmup import compile_kernels
 
     task = prepare(echoes, chosen, settings, frame)
@@ -85,8 +88,9 @@ def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0
 
 
 def require_near(echoes: RadarCapture) -> RadarCapture:
-    """Return the capture unchanged; raise HandbenchError if an antenna is further than
-    HANDBENCH_FARTHEST_M from the origin, which suggests positions in millimetres."""
+    """Return the capture unchanged. Raises HandbenchError if an antenna is further from the origin
+    than the environment variable HANDBENCH_FARTHEST_M allows, which suggests positions in
+    millimetres."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
@@ -101,16 +105,20 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
     """Return a method's complete configuration for the capture in a folder.
-    The method's defaults are overridden by the settings in the capture's description, these by
-    `config`."""
+
+    The method's defaults are overridden by the settings in the capture's description, and these by
+    `config`. Raises HandbenchError for an unknown method or setting.
+    """
     return configured(open_capture(capture).about, method_id, config)
 
 
 def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
-    """Return a method's complete configuration for a capture with this description.
+    """Return a method's complete configuration for a capture with the description `about`.
+
     The method's defaults are overridden by the settings in the description (for this method, or for
-    the method that it is a variant of), these by `config`. Raises HandbenchError for an unknown
-    method or setting."""
+    the method that it is a variant of), and these by `config`. Raises HandbenchError for an unknown
+    method or setting.
+    """
     of_sensor = about.methods
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over

@@ -1,4 +1,5 @@
-"""The step from a depth map and a reference to figures. All commands score with it."""
+"""The step from a depth map and a reference surface to errors and metrics, by which all commands
+score."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,8 +22,8 @@ from handbench.support.errors import HandbenchError
 
 @dataclass(frozen=True)
 class Scores:
-    """A scored depth map: the signed errors of its pixels, and its figures: metric → value in the
-    metric's unit, None if undefined."""
+    """The scores of a depth map. errors: signed errors of its pixels; figures: metric → value in
+    the metric's unit, None if it is undefined."""
 
     errors: ErrorMap
     figures: Values
@@ -34,9 +35,13 @@ def score(
     protocol: Protocol = PAPER,
     recorded: NativeCapture | None = None,
 ) -> Scores:
-    """Compare a depth map with a reference on its grid: signed errors, and the metrics from them.
+    """Compare a depth map with a reference on the same pixels: signed errors, and the metrics
+    computed from them.
+
     protocol: which pixels are scored. recorded: the capture that was imaged, needed if the protocol
-    applies the data set's own mask (HandbenchError without it)."""
+    applies the data set's own mask. Raises HandbenchError if that is missing, and for an invalid
+    map.
+    """
     errors = pixel_errors(depth, reference, protocol, recorded)
     return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
 
@@ -50,21 +55,21 @@ def pixel_errors(
     """Compute the signed errors of the pixels that a protocol scores.
 
     Args:
-        depth: the map.
-        reference: the surface's depths [ny, nx] on the map's pixels.
-        protocol: says whether the data set's own mask is applied.
+        depth: the depth map.
+        reference: the reference surface's depths [ny, nx] on the map's pixels.
+        protocol: which pixels are scored; some protocols apply the data set's own mask.
         recorded: the capture that was imaged; its data set defines the mask.
 
     Raises:
-        HandbenchError: the protocol masks, and there is no capture; or the map cannot be scored.
+        HandbenchError: the protocol applies a mask and `recorded` is None, or the map is invalid.
     """
     z_m = scored_z_m(depth.checked("depth map"), protocol, recorded)
     return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
 
 
 def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:
-    """Return the depths [ny, nx], metres, of the pixels that a protocol scores; NaN elsewhere.
-    Raises HandbenchError if the protocol needs the data set's mask and no capture is given."""
+    """Return the depths [ny, nx], metres, of the pixels that a protocol scores, and NaN elsewhere.
+    Raises HandbenchError if the protocol applies the data set's mask and no capture is given."""
     if not protocol.masks:
         return depth.z_m
     if recorded is None:
@@ -78,17 +83,19 @@ def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | No
 def reference_of_surface(
     surface: Surface, radar_from_mesh: Transform, grid: PixelGrid
 ) -> Reference:
-    """Cast a surface onto a pixel grid of the radar: its depths, with their uncertainty, as a
-    Reference.
-    radar_from_mesh: carries the surface into the radar frame; HandbenchError if it leads
-    elsewhere."""
+    """Compute the depths of a surface, with their uncertainty, on a pixel grid of the radar, by
+    casting rays: a `Reference`.
+
+    radar_from_mesh: transform from the surface's frame to the radar frame. Raises HandbenchError if
+    it leads to another frame.
+    """
     radar_from_mesh.require(radar_from_mesh.source, "radar", "transform")
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
 def read_reference_surface(mesh_file: str | Path) -> Surface:
-    """Read the surface to score against. Raises HandbenchError if it cannot be read, or differs
-    from the checksums of the set of captures that contains it."""
+    """Read the surface that depth maps are scored against. Raises HandbenchError if it cannot be
+    read, or does not match the checksums of the set of captures that it is a part of."""
     require_unchanged(Path(mesh_file))
     return read_surface(mesh_file)
 
@@ -96,9 +103,12 @@ def read_reference_surface(mesh_file: str | Path) -> Surface:
 def reference_of_file(
     mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
 ) -> Reference:
-    """Cast a mesh file's surface onto a pixel grid of the radar: its depths, with uncertainty.
-    radar_from_mesh: carries the mesh into the radar frame. exact: surface and transform have no
-    error, as in a simulation."""
+    """Compute the depths of a mesh file's surface, with their uncertainty, on a pixel grid of the
+    radar: a `Reference`.
+
+    radar_from_mesh: transform from the mesh's frame to the radar frame. exact: True if surface and
+    transform have no error, as in a simulation.
+    """
     surface = read_reference_surface(mesh_file)
     if exact:
         surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))

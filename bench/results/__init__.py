@@ -1,8 +1,8 @@
-"""The result folder: written by the runner, read by the reports.
+"""The result folder of a benchmark: its files, and the functions that write and read them.
 
 result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods,
               facts, failures
-*.csv         table, tasks, scores, curves: columns as in `bench.evaluation.tables`
+*.csv         table, tasks, scores, curves: columns as declared in `bench.evaluation.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz
@@ -10,7 +10,7 @@ depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__ph
               together; NaN: unknown)
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 
-The other tables of `Result` follow from these (`bench.results.derived`).
+All other tables of a `Result` are computed from these files (`bench.results.derived`).
 """
 
 from handbench.bench.evaluation.depth_errors import ErrorMap

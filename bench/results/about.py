@@ -1,4 +1,5 @@
-"""Content of result.json: names, facts of captures, methods and metrics, failures."""
+"""The content of result.json: facts of captures, methods and metrics, and failures. A check refuses
+names of captures and methods that would mislead readers."""
 
 import unicodedata
 from pathlib import Path
@@ -28,7 +29,8 @@ MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
 
 
 def folded(name: str) -> str:
-    """Return what a reader sees of a name: its letters and digits, without case."""
+    """Return a name reduced to its letters and digits, in lower case; names that a reader cannot
+    tell apart become equal."""
     return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold()))
 
 
@@ -39,8 +41,9 @@ STANDS_FOR = {folded(name): name for name in REFERENCES} | {
 
 
 def name_problem(name: str, own: str = "") -> str:
-    """Say whether a table's reader would take a method's or a capture's name for a reference or for
-    another method of handbench; "" if not. own: the id of the method that it names."""
+    """Explain why a name of a capture or method would mislead readers of a table: it reads as a
+    reference, or as another method of handbench. Returns "" if it does not.
+    own: id of the method that has the name; "" for a capture."""
     other = STANDS_FOR.get(folded(name), "")
     if other in REFERENCES:
         return f"'{name}' reads as '{other}', a reference; choose another name"
@@ -50,7 +53,8 @@ def name_problem(name: str, own: str = "") -> str:
 
 
 class MetricFacts(Config):
-    """A metric as it was defined when the result was made."""
+    """The definition of a metric, as recorded in a result: title, unit, direction and definition in
+    words."""
 
     title: str
     unit: str
@@ -59,7 +63,8 @@ class MetricFacts(Config):
 
 
 def metric_facts() -> dict[str, MetricFacts]:
-    """The definitions of the metrics, as recorded in every result."""
+    """Return the definitions of all metrics, as recorded in every result: metric → title, unit,
+    direction and definition."""
     return {
         key: MetricFacts.model_validate(metric, from_attributes=True)
         for key, metric in METRICS.items()
@@ -68,9 +73,9 @@ def metric_facts() -> dict[str, MetricFacts]:
 
 class CaptureFacts(Config):
     """One capture of a result.
-    measures: "accuracy" (scored pixel by pixel against `references`), "precision" (by the scatter
-    over repeats), or both. effects: for a simulated capture, the simulated effects: on or off, size
-    and cost of each."""
+    measures: "accuracy" (its depths are compared with `references`, pixel by pixel), "precision"
+    (scatter of the depths over repeated frames), or both. effects: for a simulated capture, each
+    simulated effect with its size and cost, and whether it was on."""
 
     name: Name
     measures: tuple[Measure, ...] = MEASURES
@@ -82,8 +87,8 @@ class CaptureFacts(Config):
     @model_validator(mode="before")
     @classmethod
     def _of_before(cls, given: Any) -> Any:
-        """Accept the form of earlier versions: a `kind`, which was "accuracy" for captures that
-        measured both."""
+        """Convert the form of earlier versions, in which `kind` was "accuracy" for captures that
+        measured both, and "precision" for the others."""
         if not isinstance(given, dict) or given.get("kind") not in MEASURES:
             return given
         rest = {key: value for key, value in given.items() if key != "kind"}
@@ -91,7 +96,7 @@ class CaptureFacts(Config):
 
 
 class MethodFacts(Config):
-    """One method with its resolved configuration."""
+    """One method of a result: id, title, and its complete configuration on each capture."""
 
     name: Name
     title: str
@@ -106,8 +111,8 @@ class MethodFacts(Config):
 
 
 class Failure(Config):
-    """A stage that failed, and why. method: empty if the failure concerns all methods of the
-    capture."""
+    """A stage of a run that failed, with the error message. method is "" if the failure affects all
+    methods of the capture."""
 
     capture: str
     method: str = ""
@@ -116,7 +121,7 @@ class Failure(Config):
 
     @property
     def line(self) -> str:
-        """The failure as one line of text, "CAPTURE METHOD: STAGE failed: MESSAGE"."""
+        """The failure as one line of text: "CAPTURE METHOD: STAGE failed: MESSAGE"."""
         return (
             f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
             f"{self.message}"
@@ -125,9 +130,9 @@ class Failure(Config):
 
 class About(Config):
     """Content of result.json.
-    inputs: capture → hash of its content. captures, methods: those in the table. facts: what else
-    is known, as the noise, the intervals and the ground truth's uncertainty. failures: what was
-    left out, and why."""
+    inputs: capture → hash of its content. captures, methods: those in the table. facts: further
+    information, such as phase noise, intervals, and the uncertainty of the ground truth. failures:
+    stages that failed, with their errors."""
 
     schema_version: Literal[1] = 1
     name: str
@@ -143,8 +148,8 @@ class About(Config):
 
 
 def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
-    """Read and check result.json, or a file like it, as a `model`.
-    what, remedy: for messages: what the file is, and what to do if its version is another. Raises
+    """Read result.json, or a file like it, and check it against a `model`.
+    what: a name of the file for messages; remedy: what to do if it has another version. Raises
     HandbenchError for another schema_version or wrong content."""
     content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
     version = content.get("schema_version") if isinstance(content, dict) else None

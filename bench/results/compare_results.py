@@ -1,14 +1,15 @@
-"""Comparison of two results: B's figures minus A's, with confidence.
+"""Comparison of two results, A and B: differences of their figures, with confidence intervals and
+tests.
 
-If both have the same captures, each method's figures are compared capture by capture, so that
-errors of the capture cancel. Otherwise A and B are two independent samples (Welch). Each capture
-counts as one value. Precisions are compared by the F test of their variances. Holm's correction
-spans all lines. Times are listed and not tested, since repeats within a run do not show the
-difference between two runs.
+If both results have the same captures, each method is compared capture by capture, so that the
+errors of the captures cancel. Otherwise A and B are two independent samples (Welch's test). Each
+capture counts as one value. Precisions are compared by the F test of their variances. The p-values
+of all lines are corrected together (Holm). Times are listed without a test, because repeats within
+a run do not show the difference between two runs.
 
 `handbench compare` writes
 
-compare.json  both sides, the captures compared, every difference, times and provenance
+compare.json  both results, the captures compared, every difference, times and provenance
 compare.csv   one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
 """
 
@@ -58,9 +59,9 @@ NONE = (None, None)
 
 @dataclass(frozen=True)
 class ComparedResult:
-    """One of two compared results, A or B.
-    captures: names of those that are scored; gemm_gflops: the machine's measured rate of float32
-    matrix products, to judge the times by."""
+    """Facts of one of two compared results, A or B.
+    captures: names of those that are compared with a reference; gemm_gflops: the machine's measured
+    rate of float32 matrix products, by which times can be judged."""
 
     folder: str
     name: str
@@ -71,9 +72,9 @@ class ComparedResult:
 @dataclass(frozen=True, eq=False)
 class Compared:
     """The comparison of two results, A and B.
-    basis: a sentence for each reference on which captures were compared. differences: a
-    line for each tested metric; times: each method's; changes: settings, versions and inputs that
-    differ between A and B."""
+    basis: for each reference, a sentence on which captures were compared. differences: table with
+    one line for each tested metric; times: table with the time of each method; changes: table of
+    the settings, versions and inputs that differ between A and B."""
 
     a: ComparedResult
     b: ComparedResult
@@ -84,7 +85,8 @@ class Compared:
 
 
 def write_compared(folder: Path, compared: Compared) -> None:
-    """Write compare.csv and compare.json."""
+    """Write a comparison into the folder, as compare.csv (the differences) and compare.json
+    (everything)."""
     write(folder / "compare.csv", compared.differences, DIFFERENCES)
     lines = {name: records(getattr(compared, name)) for name in ("differences", "times", "changes")}
     about = {"a": asdict(compared.a), "b": asdict(compared.b), "basis": compared.basis}
@@ -94,8 +96,8 @@ def write_compared(folder: Path, compared: Compared) -> None:
 @dataclass(frozen=True)
 class CommonCaptures:
     """The captures of A and of B that are compared against one reference.
-    paired: they are the same, in the same order; else two independent samples. sentence: says so in
-    words."""
+    paired: a and b are the same captures in the same order; otherwise they are two independent
+    samples. sentence: a description for readers."""
 
     reference: str
     a: tuple[str, ...]
@@ -105,10 +107,11 @@ class CommonCaptures:
 
 
 def compare_results(a: Result, b: Result) -> Compared:
-    """Compare two results: B's figures minus A's, with confidence, for every method that both have.
-    Compared are the protocol's metrics, the precision, and (without a test) the time. Raises
-    HandbenchError for results of different protocols or definitions, or without a method and a
-    reference in common."""
+    """Compare two results: B's figures minus A's, with confidence intervals and tests, for every
+    method that both have.
+    Compared are the metrics that the protocol names, the precision, and (without a test) the time.
+    Raises HandbenchError for results with different protocols or definitions, or without a common
+    method and a common reference."""
     require_comparable(a, b)
     theirs = {method.name for method in b.about.methods}
     methods = [method for method in a.about.methods if method.name in theirs]
@@ -135,7 +138,8 @@ def compare_results(a: Result, b: Result) -> Compared:
 
 
 def require_comparable(a: Result, b: Result) -> None:
-    """Raise a HandbenchError if two results were scored by different protocols or definitions."""
+    """Raise a HandbenchError if two results were scored by different protocols or with different
+    definitions of a metric."""
     ours, theirs = (
         f"{r.about.protocol.get('id')} {r.about.protocol.get('version')}" for r in (a, b)
     )
@@ -159,7 +163,8 @@ def require_comparable(a: Result, b: Result) -> None:
 
 def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
     """Choose the captures to compare against one reference: those that both results have, or, if
-    there are none, all of each. None if a result has no capture with this reference."""
+    they have none in common, all captures of each.
+    Returns None if one of the results has no capture with this reference."""
     ours, theirs = (tuple(c.name for c in r.scored() if reference in c.references) for r in (a, b))
     if not ours or not theirs:
         return None
@@ -181,8 +186,8 @@ def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
 
 
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
-    """Return whether a capture shows the same hand in the same place in both results: its input has
-    the same hash, or the references coincide."""
+    """Tell whether a capture shows the same hand in the same place in both results: its content has
+    the same hash, or the depths of its reference agree."""
     if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
@@ -199,8 +204,10 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
 def _accuracy(
     method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
 ) -> list[dict[str, Any]]:
-    """Compare one method by every metric: a line each, with p not yet corrected.
-    a, b: figures of A and of B, one line per capture, one column per metric."""
+    """Compare one method of A and B by every metric; return one line (column → value) for each
+    metric, with p-values not yet corrected.
+    basis: the captures that are compared; a, b: figures of A and of B, one line for each capture,
+    one column for each metric."""
     lines = []
     for metric in map(str, a):
         samples, test = (
@@ -218,15 +225,18 @@ def _accuracy(
 
 
 def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
-    """Return the standard deviations from which the needed number of captures follows: one, of the
-    paired differences, or two, of A's and of B's figures; none with fewer than LEAST captures."""
+    """Return the standard deviations that determine how many captures a test needs.
+    samples: a metric on the captures of A and of B. If they are paired, the result is the deviation
+    of the differences; otherwise it is one deviation for A and one for B. Empty with fewer than
+    three captures (LEAST)."""
     parts = [samples[1] - samples[0]] if paired else samples
     known = [part[np.isfinite(part)] for part in parts]
     return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
-    """Compare the precision of one method: a single line; none if a result has no precision."""
+    """Compare the precision of one method in A and B; return a list with one line, empty if a
+    result has no precision."""
     repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
     hands = [
         [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
@@ -247,10 +257,10 @@ def _line(
     intervals: Sequence[Any],
     tested: Difference,
 ) -> dict[str, Any]:
-    """Make a line with the figures of A and B, their intervals, numbers of captures, and the test
-    of the difference.
-    samples, values, intervals: a pair each, A's and B's. The line has no reference and is not
-    paired, unless the caller changes that."""
+    """Make one line (column → value) with the figures of A and B, their intervals and numbers of
+    captures, and the test of their difference.
+    samples, values, intervals: a pair each, for A and B. The line has no reference and is marked as
+    unpaired; the caller may change both."""
     facts = METRICS[metric]
     line: dict[str, Any] = {
         "method": method.name,
@@ -264,8 +274,9 @@ def _line(
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Make the table DIFFERENCES from all lines: with p corrected over all tests (Holm), the better
-    side, the number of captures needed, and a sentence."""
+    """Make the table of differences between A and B (DIFFERENCES) from all lines. It adds p-values
+    corrected for all tests (Holm), the better result, the number of captures needed, and a
+    sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
@@ -287,7 +298,8 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
     """Return the number of captures that would show this difference at level alpha; NaN if unknown
-    or too many. spreads: from `_spreads`."""
+    or too many.
+    spreads: one standard deviation, of paired differences, or two, of independent samples."""
     return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
@@ -322,7 +334,7 @@ def _gemm(result: Result) -> float | None:
 
 
 def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
-    """Make a method's line of the table TIMES: both times per frame, their ratio, and a
+    """Make a method's line of the table TIMES: time per frame in A and in B, their ratio, and a
     sentence."""
     rows = [result.time(method.name) for result in (a, b)]
     figures = [

@@ -1,4 +1,4 @@
-"""Tables computed from a result's scores and from its maps of errors and depths."""
+"""Tables that are computed from the scores, error maps and depth maps of a result."""
 
 from __future__ import annotations
 
@@ -52,14 +52,15 @@ STRONGEST = "strongest_z_m"
 
 
 def repeats(result: Result) -> pd.DataFrame:
-    """Compute the table REPEATS: the depth of the strongest scatterer in every repeat."""
+    """Compute the table REPEATS: the depth of the strongest scatterer in every repeated frame."""
     lines = result.scores[result.scores.metric == STRONGEST]
     return conform(lines.rename(columns={"frame": "repeat", "value": "z_m"}), REPEATS)
 
 
 def compared_metrics(protocol: dict[str, Any]) -> list[str]:
-    """Return the metrics by which methods are compared as they are, without equal treatment.
-    protocol: the entry of result.json."""
+    """Return the metrics by which methods are compared with their own settings, not under equal
+    treatment.
+    protocol: the entry "protocol" of result.json."""
     named = protocol.get("compared", COMPARED)
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
     return (
@@ -70,10 +71,11 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
 def equal_treatment_scores(
     scores: pd.DataFrame, captures: Sequence[CaptureFacts]
 ) -> tuple[str, dict[str, ByMethod]]:
-    """Select the scores under equal treatment (all methods with the same thresholds and smoothing).
-    Returns the reference that covers the most surface among those that all captures have; and
-    treatment → method → figures by capture and metric, for the methods that have every treatment on
-    every capture. Empty for fewer than two such methods."""
+    """Select the scores under equal treatment (same smoothing for all methods).
+    Returns the reference that covers the most surface among those that all captures have, and
+    treatment → method → figures with one line for each capture and one column for each metric. Only
+    methods that have every treatment on every capture are included; with fewer than two such
+    methods the dictionary is empty."""
     having = (
         name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
     )
@@ -90,8 +92,8 @@ def equal_treatment_scores(
 
 
 def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
-    """Return the ids of the methods that take part in no comparison under equal treatment because
-    they observe fewer than FEWEST_PERCENT of the surface of a capture."""
+    """Return the ids of the methods that observe less than 1 % of a capture's surface
+    (FEWEST_PERCENT) and are therefore not compared under equal treatment."""
     reference, treated = equal_treatment_scores(scores, captures)
     taking_part = {method for methods in treated.values() for method in methods}
     return [
@@ -104,14 +106,15 @@ def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[s
 
 
 def few_pixels_text(methods: Sequence[str]) -> str:
-    """Return what a table adds about the methods of `few_pixels`; "" if there are none."""
+    """Return a note for readers that these methods observe too few pixels to be compared on common
+    ones; "" for no methods."""
     few = f"fewer than {FEWEST_PERCENT:g} % of the surface of a capture"
     return f"not compared on common pixels: {', '.join(methods)} ({few})" if methods else ""
 
 
 def equal(result: Result) -> pd.DataFrame:
-    """Compute the table EQUAL: the methods' figures under equal treatment, averaged over the
-    captures."""
+    """Compute the table EQUAL: the figures of all methods under equal treatment (same smoothing),
+    averaged over the captures."""
     reference, treated = equal_treatment_scores(result.scores, result.scored())
     rows = []
     for treatment, methods in treated.items():
@@ -126,9 +129,10 @@ def equal(result: Result) -> pd.DataFrame:
 
 
 def comparisons(result: Result) -> pd.DataFrame:
-    """Compute the table COMPARISONS of every pair of methods.
-    As they are, methods are compared by the protocol's metrics, against each reference; under equal
-    treatment, against the reference with the most surface."""
+    """Compute the table COMPARISONS: tests between every pair of methods.
+    With their own settings, methods are compared by the metrics that the protocol names, against
+    each reference. Under equal treatment, they are compared against the reference that covers the
+    most surface."""
     titles = {method.name: method.title for method in result.about.methods}
     reference, treated = equal_treatment_scores(result.scores, result.scored())
     found = [frame(COMPARISONS)]
@@ -147,20 +151,21 @@ def comparisons(result: Result) -> pd.DataFrame:
 
 
 def causes(result: Result) -> pd.DataFrame:
-    """Compute the table CAUSES: errors by incidence angle, amplitude, part of the hand, distance to
-    an edge."""
+    """Compute the table CAUSES: errors grouped by incidence angle, amplitude, part of the hand, and
+    distance to an edge."""
     return _cause_tables(result)[0]
 
 
 def reliability(result: Result) -> pd.DataFrame:
-    """Compute the table RELIABILITY: how often the methods' σ contains their errors, and how likely
-    the errors are under it."""
+    """Compute the table RELIABILITY: how often the intervals of a method's σ contain its errors,
+    and how likely these errors are under σ."""
     return _cause_tables(result)[1]
 
 
 @lru_cache(maxsize=1)  # both tables are read one after the other
 def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """CAUSES and RELIABILITY from every capture's maps."""
+    """Compute the tables CAUSES and RELIABILITY from the depth maps and error maps of all captures.
+    Raises HandbenchError if the two maps of a capture differ in size."""
     causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
     for capture in track(result.scored(), "causes of errors"):
         depths = {
@@ -190,9 +195,9 @@ def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def scores(result: Result) -> pd.DataFrame:
-    """Compute the table SCORES for a folder of version 0.2, which has none.
-    Figures of the captures come from their error maps, those under equal treatment from
-    captures.csv, repeats from repeats.csv."""
+    """Compute the table SCORES for a result folder of version 0.2, which does not have it.
+    The figures of the captures come from their error maps, those under equal treatment from
+    captures.csv, and the repeats from repeats.csv."""
     rows: list[tuple[Any, ...]] = []
     for capture, method in product(result.scored(), result.about.methods):
         for reference in capture.references:
@@ -215,5 +220,5 @@ def scores(result: Result) -> pd.DataFrame:
 
 
 def curves(result: Result) -> pd.DataFrame:
-    """An empty table: a folder without curves.csv has no curves."""
+    """Return an empty table CURVES, for a folder without curves.csv."""
     return frame(CURVES)

@@ -1,4 +1,4 @@
-"""Maps and photographs of a result folder: depths, signed errors, small pictures, and their
+"""Reading and writing of the depth maps, error maps and photographs of a result folder, and their
 paths."""
 
 from dataclasses import asdict, dataclass
@@ -19,10 +19,10 @@ ORIENTATION = 0x0112  # EXIF's tag
 
 @dataclass(frozen=True)
 class SurfaceMap:
-    """A depth map to draw: z_m [ny, nx] at the pixel centres x_m [nx], y_m [ny], metres; NaN
-    without a surface.
-    sigma_m [ny, nx]: a reference's standard deviation along z, from mesh and registration together
-    (None: not given; NaN: unknown)."""
+    """A depth map for drawing: z_m [ny, nx] at the pixel centres x_m [nx], y_m [ny], metres; NaN
+    where there is no surface.
+    sigma_m [ny, nx]: for a reference, the standard deviation along z of mesh and registration
+    together (None: not given; NaN: unknown)."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -31,18 +31,20 @@ class SurfaceMap:
 
 
 def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
-    """Return the path of a file with signed errors. Raises HandbenchError for a name that cannot be
-    part of a file's name."""
+    """Return the path of the error map of a capture, method and reference in a result folder.
+    Raises HandbenchError for a name that cannot be part of a file name."""
     return _path(folder / "errors", ".npz", capture, method, reference)
 
 
 def depth_path(folder: Path, capture: str, source: str) -> Path:
-    """Return the path of a depth map. source: a method, or a reference."""
+    """Return the path of a capture's depth map in a result folder.
+    source: a method or a reference. Raises HandbenchError for a name that cannot be part of a file
+    name."""
     return _path(folder / "depth", ".npz", capture, source)
 
 
 def photo_path(folder: Path, capture: str) -> Path:
-    """Path of a capture's small photograph."""
+    """Return the path of a capture's small photograph in a result folder."""
     return _path(folder / "photos", ".jpg", capture)
 
 
@@ -54,12 +56,13 @@ def _path(folder: Path, suffix: str, *names: str) -> Path:
 
 
 def write_errors(folder: Path, capture: str, method: str, reference: str, errors: ErrorMap) -> None:
-    """Write one map of signed errors."""
+    """Write the error map of one capture, method and reference into a result folder."""
     write_npz(errors_path(folder, capture, method, reference), **_arrays(errors))
 
 
 def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMap) -> None:
-    """Write a reference's depth map. (A method's map is a DepthMap, saved to `depth_path`.)"""
+    """Write the depth map of a reference into a result folder. (A method's map is written by
+    `DepthMap.save`.)"""
     write_npz(depth_path(folder, capture, reference), **_arrays(surface))
 
 
@@ -68,7 +71,7 @@ def _arrays(maps: SurfaceMap | ErrorMap) -> dict[str, np.ndarray]:
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
-    """Read one map of signed errors."""
+    """Read the error map of one capture, method and reference from a result folder."""
     path, known = (
         errors_path(folder, capture, method, reference),
         ("sigma_m", "to_reference_m", "to_map_m"),
@@ -77,7 +80,8 @@ def read_errors(folder: Path, capture: str, method: str, reference: str) -> Erro
 
 
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:
-    """Write a small JPEG of the photograph `source`, upright and without its metadata."""
+    """Write the photograph `source` into a result folder, as a small JPEG, upright and without
+    metadata."""
     from PIL import Image, ImageOps
 
     with open_picture(Path(source)) as image:
@@ -94,9 +98,11 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Read arrays of a map: name → array, with x_m [nx] and y_m [ny].
-    names: arrays [ny, nx] that must be there; optional: further ones, read if they are. Raises
-    HandbenchError for other shapes or kinds."""
+    """Read and check a file with a depth map or error map: name → array, including x_m [nx] and y_m
+    [ny].
+    names: arrays [ny, nx] that the file must have; optional: arrays that are read if present.
+    Raises HandbenchError for arrays of another shape or type, lengths that are too large
+    (LONGEST_M), and wrong pixel positions."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():

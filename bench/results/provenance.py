@@ -14,9 +14,10 @@ HASH_CHARACTERS = 12  # enough to distinguish two hashes
 
 
 def changes(a: Result, b: Result) -> pd.DataFrame:
-    """List in the table CHANGES what differs between two results besides their figures:
-    configuration, methods' settings, versions, machine, inputs.
-    A line has A's and B's value of one key; a value is empty if that side lacks the key."""
+    """List what differs between two results besides their figures, as the table CHANGES:
+    configuration, settings of the methods, versions, machine, inputs.
+    A line has the values of A and B for one key; a value is empty if that result does not have the
+    key."""
     kinds = (
         ("configuration", _configuration(a), _configuration(b)),
         ("settings", _settings(a, b), _settings(b, a)),
@@ -42,8 +43,8 @@ def _configuration(result: Result) -> dict[str, Any]:
 
 
 def _settings(result: Result, other: Result) -> dict[str, str]:
-    """Return the complete settings of the methods that both results have: "method.key" → value; all
-    values, if captures differ in it."""
+    """Return the settings of the methods that `other` has too: "method.key" → value.
+    If a setting differs between captures, its values are joined by " / "."""
     shared = {method.name for method in other.about.methods}
     values: dict[str, list[str]] = {}
     for method in result.about.methods:
@@ -58,7 +59,7 @@ def _inputs(result: Result) -> dict[str, str]:
 
 
 def _flat(value: Any) -> dict[str, Any]:
-    """Flatten nested tables and lists of tables: dotted key → value."""
+    """Flatten nested tables and lists of tables: key with dots → value."""
     return dict(_leaves(value, ""))
 
 

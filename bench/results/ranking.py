@@ -1,7 +1,7 @@
 """Ranking of the methods of several results, on the captures that all results have.
 
-The ranking uses the share of the surface that is right within 2 mm. It counts holes as wrong, and
-does not depend on the other methods of a run, as figures under equal treatment do.
+Methods are ranked by the share of the surface whose depth is right within 2 mm. It counts holes as
+wrong, and unlike figures under equal treatment, it does not depend on the other methods of a run.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ OVER, EQUAL = "aurc_mm", "window"  # the error over completeness, all maps avera
 
 
 def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
-    """Rank the methods of several results on the captures that all have: the table RANKING, best
-    first, and a sentence on the captures.
-    A method's rank is one more than the number of methods that are shown to be better (95 %, Holm);
-    0 if there are too few captures for a test. Raises HandbenchError for results without a capture
-    and reference in common, and for different protocols."""
+    """Rank the methods of several results on the captures that all results have. Returns the table
+    RANKING, best method first, and a sentence on the captures.
+    The rank of a method is one more than the number of methods that are significantly better (95 %,
+    Holm); 0 if there are too few captures for a test. Raises HandbenchError for results with
+    different protocols, or without a common capture with a common reference."""
     for result in results[1:]:
         require_comparable(results[0], result)
     reference, captures = _common(results)
@@ -68,8 +68,9 @@ def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
 
 
 def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
-    """Choose the reference with the most surface of those that all results share; return it and the
-    captures that have it in all. Raises HandbenchError if there are none."""
+    """Choose the reference with the most surface for which all results have a capture in common;
+    return it and these captures.
+    Raises HandbenchError if there is none."""
     for reference in ("completed", *REFERENCES):
         names = [_captures(result, reference) for result in results]
         if common := [name for name in names[0] if all(name in other for other in names)]:
@@ -86,7 +87,8 @@ def _captures(result: Result, reference: str) -> list[str]:
 
 
 def _figures(found: ByMethod, method: str, metric: str, captures: Sequence[str]) -> np.ndarray:
-    """A method's figure of each capture [n], NaN if it has none."""
+    """Return one metric of a method on each capture [n], NaN where it has none.
+    found: method → figures, one line for each capture."""
     known = found.get(method, pd.DataFrame()).reindex(list(captures), columns=[metric])
     return known[metric].to_numpy(float)
 

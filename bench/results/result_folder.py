@@ -1,4 +1,5 @@
-"""The result folder as a whole: written by the runner, read by the reports."""
+"""A result folder as one object (`Result`): reading and checking it, and writing its tables and
+result.json."""
 
 from __future__ import annotations
 
@@ -38,8 +39,8 @@ UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """Make a property of Result that returns a table: from its file if the folder has one, else
-    computed on first reading."""
+    """Make a property of Result that returns a table. The table is read from its file if the folder
+    has one, and otherwise computed at the first use."""
 
     def table(result: Result) -> pd.DataFrame:
         from handbench.bench.results import derived  # with pandas and scipy
@@ -51,12 +52,13 @@ def _derived(name: str) -> cached_property[pd.DataFrame]:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A complete result folder that has been read. Maps and photographs are read on demand.
+    """A complete result folder that has been read. Its maps and photographs are read when they are
+    asked for.
 
-    about: content of result.json. table, tasks: the main table, and one line for each step of the
-    run. config: text of config.toml. files: further tables that the folder has as files. The
+    about: content of result.json. table: the main table; tasks: one line for each stage of the run.
+    config: text of config.toml. files: further tables for which the folder has files. The
     properties scores, curves, repeats, comparisons, equal, causes and reliability are tables too,
-    computed if there is no file. `bench.evaluation.tables` declares the columns of all.
+    computed if there is no file. `bench.evaluation.tables` declares the columns of all tables.
     """
 
     folder: Path
@@ -81,52 +83,57 @@ class Result:
     reliability = _derived("reliability")
 
     def row(self, metric: str, method: str, reference: str) -> Any:
-        """A line of the table as a named tuple of its columns; None if there is no such line."""
+        """Return the line of the main table for a metric, a method and a reference, as a named
+        tuple of the columns; None if there is no such line."""
         found = self.table[(self.table.method == method) & (self.table.metric == metric)]
         return next(each(found[found.reference == reference]), None)
 
     def time(self, method: str) -> Any:
-        """Return the table's line with a method's time per frame, which is the same under every
-        reference; None if unknown."""
+        """Return the line of the main table with a method's time per frame, as a named tuple; None
+        if unknown. It is the same for every reference."""
         found = self.table[(self.table.method == method) & (self.table.metric == "seconds")]
         return next(each(found[found.value.notna()]), None)
 
     def title(self, metric: str) -> str:
-        """Return a metric's title for readers; its key if the result does not define it."""
+        """Return the title of a metric for readers; the name `metric` itself if the result does not
+        define it."""
         facts = self.about.metrics.get(metric)
         return facts.title if facts else metric
 
     def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """Return the methods that no other is shown to beat, by one metric against one reference;
-        () if nothing was compared.
-        treatment: one of the equal treatments, or "" for each method as it is."""
+        """Return the method with the best figure and all that are not significantly worse, by one
+        metric against one reference; () if nothing was tested.
+        treatment: an equal treatment (same smoothing for all methods), or "" for methods with their
+        own settings."""
         return best(self.compared(treatment), metric, reference)
 
     def compared(self, treatment: str = "") -> pd.DataFrame:
-        """Return the lines of `comparisons` under one equal treatment, or with "" those of each
-        method as it is."""
+        """Return the lines of the table of comparisons for one treatment.
+        treatment: an equal treatment (same smoothing for all methods), or "" for methods with their
+        own settings."""
         return self.comparisons[self.comparisons.treatment == treatment]
 
     def scored(self) -> tuple[CaptureFacts, ...]:
-        """The captures that are scored pixel by pixel."""
+        """Return the captures whose depths are compared with a reference, pixel by pixel."""
         return tuple(c for c in self.about.captures if "accuracy" in c.measures)
 
     def repeated(self) -> tuple[CaptureFacts, ...]:
-        """The captures that measure the precision."""
+        """Return the captures that measure the precision."""
         return tuple(c for c in self.about.captures if "precision" in c.measures)
 
     def errors(self, capture: str, method: str, reference: str) -> ErrorMap:
-        """Read the signed errors of a method's depth map of one capture, against one reference."""
+        """Read the signed errors of a method's depth map of one capture against one reference."""
         return read_errors(self.folder, capture, method, reference)
 
     def surface(self, capture: str, source: str) -> SurfaceMap:
-        """Read a depth map of one capture. source: a method, or a reference, as "truth" or
-        "photogrammetry"."""
+        """Read a depth map of one capture.
+        source: a method, or a reference such as "truth" or "photogrammetry"."""
         return SurfaceMap(**read_map(depth_path(self.folder, capture, source), "z_m"))
 
     def busy(self) -> dict[str, float]:
-        """Return the methods whose times were disturbed: method → mean number of cores that other
-        work took meanwhile, if at least BUSY."""
+        """Return the methods whose times other work on the machine disturbed: method → mean number
+        of cores that this work took.
+        Methods with less than 0.25 cores (BUSY) are left out."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
             "method", sort=False
@@ -135,8 +142,9 @@ class Result:
         return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
 
     def unsettled(self) -> dict[str, float]:
-        """Return the methods whose time per frame is uncertain: method → half the interval's width
-        over the time, if above UNSETTLED."""
+        """Return the methods whose time per frame is uncertain: method → half the width of its
+        interval divided by the time.
+        Methods with a ratio of at most 0.1 (UNSETTLED) are left out."""
         times = self.table[
             (self.table.metric == "seconds") & (self.table.value > 0)
         ].drop_duplicates("method")
@@ -148,21 +156,21 @@ class Result:
         }
 
     def photo(self, capture: str) -> Path | None:
-        """The path of the capture's photograph, if it has one."""
+        """Return the path of the capture's photograph; None if it has none."""
         path = photo_path(self.folder, capture)
         return path if path.is_file() else None
 
 
 def shown(comparisons: pd.DataFrame) -> pd.Series:
-    """Return for each line of comparisons whether the difference is significant at 5 %, corrected
-    for all pairs of the metric."""
+    """Return a flag for each line of comparisons: whether the difference is significant at 5 %,
+    with its p-value corrected for all pairs of methods."""
     return comparisons.p_corrected < 1 - LEVEL
 
 
 def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
-    """Return the method with the best figure and all methods that are not shown to be worse.
-    comparisons: lines of the table COMPARISONS. Methods are in order of appearance; () if nothing
-    was tested, so that no figure is highlighted."""
+    """Return the method with the best figure and all methods that are not significantly worse.
+    comparisons: lines of the table COMPARISONS. Methods are in order of appearance. Returns () if
+    nothing was tested, so that no figure is highlighted."""
     lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
     lines = lines[lines.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
@@ -175,27 +183,27 @@ def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, .
 
 
 def write_about(folder: Path, about: About) -> None:
-    """Write result.json. Write it last: it marks the folder as complete. Values that are not finite
-    become null."""
+    """Write result.json. It must be written last, because it marks the folder as complete. Values
+    that are not finite become null."""
     with atomic_path(folder / "result.json") as temporary, temporary.open("wb") as file:
         # text would take thrice as much memory
         file.writelines((TypeAdapter(About).dump_json(about, indent=2), b"\n"))
 
 
 def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
-    """Write tables of `TABLES` as .csv."""
+    """Write tables of a result, given by their names in `TABLES`, as NAME.csv."""
     for name, table in tables.items():
         write(folder / f"{name}.csv", table, TABLES[name])
 
 
 def write_config(folder: Path, toml: str) -> None:
-    """Write the resolved configuration, config.toml."""
+    """Write the resolved configuration of a run, TOML text, as config.toml."""
     write_text(folder / "config.toml", toml)
 
 
 def load(folder: str | Path) -> Result:
-    """Read and check a result folder. Raises HandbenchError if it is missing, incomplete, or of a
-    newer version."""
+    """Read and check a result folder. Raises HandbenchError if it is missing, incomplete, or of
+    another version."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
@@ -223,8 +231,8 @@ def load(folder: str | Path) -> Result:
 
 
 def _require_figures(path: Path, scores: pd.DataFrame) -> None:
-    """Raise a HandbenchError if the scores have two values of one figure, or so many captures,
-    methods and metrics that arranging them would fill the memory."""
+    """Raise a HandbenchError if the scores have two lines for one figure, or so many captures,
+    methods and metrics that arranging them by method would fill the memory."""
     if scores.duplicated(SCORES.names[:-1]).any():
         raise HandbenchError(f"{path}: has two lines of one figure; run the benchmark again")
     captures, methods, metrics = (

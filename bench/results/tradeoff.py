@@ -1,9 +1,9 @@
-"""A trade-off folder: the time of each setting of each stage, and its accuracy.
+"""The folder of a trade-off: time and accuracy of each setting of each stage.
 
 tradeoff.json   schema_version, name, sections (metric, unit, which time is counted, reference
                 setting), claims, captures, inputs, versions, machine, facts
-tradeoff.csv    one line per setting: see `Setting`
-config.toml     the benchmark with its sweep, resolved
+tradeoff.csv    one line per setting, with the fields of `Setting`
+config.toml     the benchmark with its varied parameters, resolved
 settings/       NAME.toml: each imaging setting as a benchmark for `handbench run`
 """
 
@@ -24,7 +24,7 @@ from handbench.support.files import require_folder, write_json
 @dataclass(frozen=True)
 class Setting:
     """One setting of a trade-off, with its error and its time: a line of tradeoff.csv.
-    `bench.evaluation.tables.SETTINGS` explains the columns; None: unknown."""
+    `bench.evaluation.tables.SETTINGS` explains the fields. None: unknown."""
 
     section: str
     name: str
@@ -52,7 +52,7 @@ class Setting:
 
     @property
     def method(self) -> str:
-        """The method's id among the setting's parameters; empty in sections without methods."""
+        """The id of the imaging method that the setting uses; "" for a setting of another stage."""
         try:
             knobs = json.loads(self.knobs)
         except ValueError:
@@ -61,8 +61,9 @@ class Setting:
 
 
 class Section(Config):
-    """One stage whose settings are compared: the metric, its unit and definition, which time is
-    counted (seconds), and the setting to which the ratios of times refer."""
+    """One stage whose settings a trade-off compares.
+    metric, unit, definition: of its error; seconds: which time is counted, in words; reference: the
+    setting whose time is 1 in ratios of times."""
 
     name: Literal["imaging", "groundtruth", "simulation", "registration"]
     title: str
@@ -74,8 +75,9 @@ class Section(Config):
 
 
 class Claim(Config):
-    """A statement of the paper on how many times faster one method is. paper: the stated factor;
-    counted: by numbers of operations; measured: by times here."""
+    """A statement of the paper that one method is some times faster than another.
+    paper: the stated factor; counted: the factor by numbers of operations; measured: the factor by
+    the times measured here."""
 
     text: str
     paper: float
@@ -85,7 +87,8 @@ class Claim(Config):
 
 
 class TradeoffFacts(Config):
-    """Content of tradeoff.json."""
+    """Content of tradeoff.json: which stages were compared and how, statements of the paper,
+    captures, versions and machine."""
 
     schema_version: Literal[1] = 1
     name: Name
@@ -101,14 +104,15 @@ class TradeoffFacts(Config):
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """A trade-off folder that has been read."""
+    """A trade-off folder that has been read: the content of tradeoff.json and all settings."""
 
     folder: Path
     facts: TradeoffFacts
     settings: tuple[Setting, ...]
 
     def section(self, name: str) -> tuple[Setting, ...]:
-        """Return the settings of one section, in the order of the file."""
+        """Return the settings of one section (such as "imaging" or "groundtruth"), in the order of
+        tradeoff.csv."""
         return tuple(setting for setting in self.settings if setting.section == name)
 
 
@@ -119,7 +123,8 @@ def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Settin
 
 
 def load_tradeoff(folder: str | Path) -> Tradeoff:
-    """Read and check a trade-off folder. Raises HandbenchError for a missing or newer one."""
+    """Read and check a trade-off folder. Raises HandbenchError if it is missing, damaged or of
+    another version."""
     folder = require_folder(folder, "a trade-off (tradeoff.json)")
     facts = read_facts(
         TradeoffFacts, folder / "tradeoff.json", "a trade-off", "run `handbench tradeoff` again"

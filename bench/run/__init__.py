@@ -1,1 +1,2 @@
-"""The main job: benchmark file, jobs, stages, executors, runner."""
+"""Everything that `handbench run` does: read the benchmark file, plan and execute the stages, write
+the result folder."""

@@ -1,4 +1,5 @@
-"""Benchmark files: the work of a run, and the protocol that scores it."""
+"""Benchmark files: which captures are imaged by which methods, and the protocol that scores the
+depth maps."""
 
 import shlex
 from pathlib import Path
@@ -40,8 +41,9 @@ Persons = Annotated[
 
 
 class Origin(Config):
-    """A capture: a scene file to simulate, or a capture folder, relative to the benchmark file.
-    photos = false: do not render a scene's photographs."""
+    """Where a capture comes from: a scene file to simulate, or an existing capture folder.
+    Exactly one of `scene` and `path` is given, relative to the benchmark file. photos = false: do
+    not render the photographs of the scene."""
 
     scene: str | None = None
     path: str | None = None
@@ -56,9 +58,10 @@ class Origin(Config):
 
 class Source(Origin):
     """A capture of the benchmark, and what is measured on it.
-    measures: "accuracy", by its first frame against a reference; "precision", by the scatter over
-    the benchmark's `repeats` frames, without a reference or photographs. persons: numbers of
-    people; the scene becomes one capture per person, with that person's hand and placement."""
+    measures: "accuracy" compares the depth map of the first frame with a reference; "precision" is
+    the scatter of the depths over the benchmark's `repeats` frames and needs neither reference nor
+    photographs. persons: numbers of simulated people; the scene becomes one capture for each
+    person, with that person's hand and placement."""
 
     measures: Measures = MEASURES
     persons: Persons | None = None
@@ -70,18 +73,20 @@ class Source(Origin):
         return self
 
     def each(self) -> "tuple[Source, ...]":
-        """Return its captures, one per person; only itself if it names no persons."""
+        """Return one Source for each person of `persons`; without persons, a tuple of this Source
+        only."""
         return tuple(self.model_copy(update={"persons": (one,)}) for one in self.persons or ()) or (
             self,
         )
 
 
 class DataSet(Config):
-    """Captures of a data set: all below a folder, or those of some objects and distances.
-    path: the folder, relative to the benchmark file, with captures in ROOT/OBJECT or
-    ROOT/OBJECT/DISTANCE. objects, distances: keep only these (empty: all), at most `limit`, in
-    order. empty_filtered: use MAROON's frames with the empty room subtracted. measures: "accuracy"
-    or "precision" or both, for each capture."""
+    """Recorded captures in a folder: all of them, or those of some objects and distances.
+    path: the folder, relative to the benchmark file; its captures are in ROOT/OBJECT or
+    ROOT/OBJECT/DISTANCE. objects, distances: keep only these (empty: all). limit: keep only the
+    first captures, at most so many. empty_filtered: use MAROON's frames from which the echoes of
+    the empty room were subtracted. measures: "accuracy" or "precision" or both, for every
+    capture."""
 
     path: str
     objects: tuple[str, ...] = ()
@@ -91,8 +96,9 @@ class DataSet(Config):
     measures: Measures = MEASURES
 
     def sources(self, base: Path) -> tuple[Source, ...]:
-        """Return its captures as entries of a benchmark file that lies in the folder `base`. Raises
-        HandbenchError if there are none."""
+        """Return the data set's captures as entries of a benchmark file.
+        base: folder of the benchmark file, to which the paths are relative. Raises HandbenchError
+        if no capture is found."""
         root = inside(base, self.path, "dataset.path")
         folders = captures(root, self.objects, self.distances)[: self.limit]
         suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
@@ -101,20 +107,22 @@ class DataSet(Config):
 
 
 class GroundTruth(Config):
-    """Options of the reconstruction of photographs as meshes."""
+    """Options of the photogrammetric reconstruction that turns photographs into meshes."""
 
     quality: Quality = "draft"
 
 
 class MethodEntry(Config):
-    """A method and the settings that it changes.
+    """A method of the benchmark, with the settings that differ from the method's defaults
+    (`config`).
     precision = true: measure its precision too. every_nth_antenna: use only every n-th transmitter
-    and receiver, in the order of the file.
+    and every n-th receiver, in the order of the echo file.
 
-    A foreign method, which is not part of handbench, has either `maps`, the folder of its depth
-    maps CAPTURE.npz, relative to the benchmark file; or `command`, a command line with the
-    placeholders {capture} and {depth} that makes one. limit_s, limit_mb: seconds, and megabytes of
-    address space (0: no limit), for each capture.
+    A foreign method, which is not part of handbench, has one of two fields. `maps` is a folder with
+    a depth map CAPTURE.npz for each capture, relative to the benchmark file. `command` is a command
+    line that makes the depth map; its placeholders {capture} and {depth} stand for the folder to
+    read and the file to write. limit_s and limit_mb limit the command for each capture: seconds,
+    and megabytes of address space (0: no limit).
     """
 
     id: str
@@ -128,7 +136,7 @@ class MethodEntry(Config):
 
     @property
     def foreign(self) -> bool:
-        """True for a method that is not part of handbench."""
+        """Whether the method is not part of handbench, but given by depth maps or by a command."""
         return self.maps is not None or self.command is not None
 
     @model_validator(mode="before")
@@ -174,7 +182,8 @@ class MethodEntry(Config):
 
 
 class BenchFile(Config):
-    """The content of a benchmark file."""
+    """Content of a benchmark file: the captures, the methods, how they are measured and scored, and
+    which settings a trade-off varies."""
 
     version: Literal[1]
     name: Name
@@ -239,15 +248,15 @@ class BenchFile(Config):
         return self
 
     def frames_of(self, source: Source) -> int:
-        """Return the number of a capture's frames that are needed, the larger of those for accuracy
-        and for precision."""
+        """Return how many frames of a capture the benchmark needs: the larger of the numbers of
+        frames for the accuracy and for the precision."""
         frames = self.frames if "accuracy" in source.measures else 1
         repeated = "precision" in source.measures and any(entry.precision for entry in self.method)
         return max(frames, self.repeats) if repeated else frames
 
 
 def embedded_benchmarks() -> dict[str, Path]:
-    """Find the benchmarks that come with handbench: name → file."""
+    """Find the benchmark files that are installed with handbench. Returns name → file."""
     return {
         path.stem: path
         for path in sorted(EMBEDDED.glob("*.toml"))
@@ -256,8 +265,10 @@ def embedded_benchmarks() -> dict[str, Path]:
 
 
 def find_benchmark(name: str) -> Path:
-    """Return the path of a benchmark file, given by its path, by the name of one that comes with
-    handbench, or by a folder of captures. Raises HandbenchError for an unknown name."""
+    """Return the path of a benchmark file.
+    name: the path itself; the name of a benchmark that is installed with handbench; or a folder of
+    captures, for which a general benchmark file is returned. Raises HandbenchError for any other
+    name."""
     path, known = Path(name), embedded_benchmarks()
     if path.suffix == ".toml" or path.is_file():
         return path
@@ -272,10 +283,12 @@ def find_benchmark(name: str) -> Path:
 
 
 def load_benchmark(name: str) -> tuple[BenchFile, Path]:
-    """Read and check a benchmark file, by path or name, or that of a folder of captures; return it
-    and the folder that its paths start from.
-    Every method's configuration is checked; data sets and persons are expanded into single
-    captures. Raises HandbenchError for anything wrong."""
+    """Read and check a benchmark file; return its content and the folder to which its paths are
+    relative.
+    name: a file, the name of a benchmark that is installed with handbench, or a folder of captures.
+    The configuration of every method is checked. Data sets and persons are expanded, so that
+    `capture` lists every single capture. Raises HandbenchError for a file that is missing or
+    wrong."""
     path = find_benchmark(name)
     base = Path(name) if path == FOLDER else path.parent
     bench = load(BenchFile, path, "a benchmark description")
@@ -290,16 +303,20 @@ def load_benchmark(name: str) -> tuple[BenchFile, Path]:
 
 
 def require_clear(name: str, where: str, own: str = "") -> str:
-    """Return a name of a capture or a method, which has the id `own`. Raises a HandbenchError,
-    which begins with `where`, for one that reads as a reference or as another method."""
+    """Return a name of a capture or method unchanged, if it can be told from all other names of a
+    result.
+    where: file or argument, with which the error message begins. own: id of the method that has the
+    name; "" for a capture. Raises HandbenchError if the name is that of a reference or of another
+    method."""
     if problem := name_problem(name, own):
         raise HandbenchError(f"{where}: {problem}")
     return name
 
 
 def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
-    """Return the entry with its configuration checked. Raises HandbenchError for an unknown method,
-    a wrong configuration or missing maps."""
+    """Check a method of a benchmark file, and return it unchanged.
+    path: the benchmark file. Raises HandbenchError for an unknown method, a wrong configuration, a
+    foreign method with the id of one of handbench's, or a missing folder of depth maps."""
     where = f"{path}: method '{entry.id}'"
     require_clear(entry.id, where, entry.id)
     if not entry.foreign:

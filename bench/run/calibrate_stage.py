@@ -1,4 +1,5 @@
-"""The stage that registers the sensors: photographs and echoes of one target → radar_from_photo."""
+"""The stage that computes the transform from the photo frame to the radar frame, radar_from_photo,
+from photographs and echoes of a calibration target."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,9 +19,10 @@ REGISTRATION = "radar_from_photo.json"
 
 
 def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
-    """Register camera and radar, and write radar_from_photo.json into a stage's folder.
-    captures: folders that show one calibration target; clouds: for each, the file of its
-    photographs' point cloud."""
+    """Register camera and radar, and write the transform radar_from_photo.json into a stage's
+    folder.
+    captures: folders of captures of the same calibration target; clouds: for each capture, the file
+    with the point cloud reconstructed from its photographs."""
     made = register_captures(
         [Path(capture) for capture in captures], [Cloud.load(Path(file)) for file in clouds]
     )
@@ -30,10 +32,12 @@ def calibrate(folder: Path, captures: list[str], clouds: list[str]) -> None:
 def register_captures(
     captures: Sequence[Path], clouds: Sequence[Cloud], array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute radar_from_photo from captures of one calibration target.
-    clouds: for each capture, the point cloud of its photographs, in the photo frame. Several
-    captures are combined; the rig must not move between them. array: the antennas' calibration,
-    used in place of the captures' own. Raises HandbenchError for different targets."""
+    """Compute the transform from the photo frame to the radar frame, from captures of one
+    calibration target.
+    captures: their folders; clouds: for each capture, the point cloud of its photographs, in the
+    photo frame. Several captures are combined into one transform, so the rig of camera and radar
+    must not change between them. array: calibration of the antennas, used instead of those in the
+    captures' folders. Raises HandbenchError if the captures show different targets."""
     target = common_target(captures)
     measured, names = [], []
     for capture, cloud in zip(captures, clouds, strict=True):
@@ -52,8 +56,8 @@ def register_captures(
 
 
 def common_target(captures: Sequence[Path]) -> Target:
-    """Return the description of the calibration target that all captures show. Raises
-    HandbenchError if their descriptions differ."""
+    """Return the description of the calibration target that all captures show.
+    captures: their folders. Raises HandbenchError if their target descriptions differ."""
     targets = {capture: load_target(capture / TARGET) for capture in captures}
     for capture, target in targets.items():
         if target != targets[captures[0]]:

@@ -1,8 +1,8 @@
-"""A benchmark's captures as a folder to distribute.
+"""Simulate the captures of a benchmark into one folder that can be given to others. It has:
 
-bench.toml      the benchmark of these captures, for `handbench run`
+bench.toml      the benchmark with these captures in place of scenes, for `handbench run`
 captures/NAME   capture folders
-checksums.txt   checksums of every capture's files; a run compares them
+checksums.txt   checksums of all files of the captures; a run compares them
 """
 
 from pathlib import Path
@@ -27,9 +27,10 @@ BENCH = "bench.toml"
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
     """Simulate all scenes of a benchmark into a folder that can be distributed; return their
     number.
-    name: a benchmark file, or the name of one that comes with handbench. A repeated call keeps what
-    an interrupted one has made. Raises HandbenchError if the benchmark names captures that are no
-    scenes, or if the folder holds something else."""
+    name: a benchmark file, or the name of a benchmark that is installed with handbench. If an
+    earlier call was interrupted, the captures that it finished are kept. overwrite: replace the
+    captures in the folder. Raises HandbenchError if the benchmark has a capture that is not a
+    scene, or if the folder has other files."""
     bench, base = load_benchmark(name)
     sources: list[Origin] = [*bench.capture, *bench.calibration]
     scenes: dict[str, tuple[SceneFile, Path, int]] = {}
@@ -60,8 +61,9 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
 
 
 def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
-    """Return the text of the benchmark file with capture folders in place of scenes. captures:
-    their names. Raises HandbenchError for a benchmark with a foreign method."""
+    """Return the text of the benchmark file in which capture folders replace the scenes.
+    name: of the original benchmark, for error messages; captures: names of the folders. Raises
+    HandbenchError for a benchmark with a method that is not part of handbench."""
     if any(entry.foreign for entry in bench.method):
         raise HandbenchError(
             f"{name}: has a method with maps or a command; add it to the file that is written "
@@ -82,8 +84,10 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
 
 
 def _start(folder: Path, text: str, overwrite: bool) -> None:
-    """Write the benchmark's file, or check the one that is there. Raises HandbenchError if the
-    folder has any other content."""
+    """Write the benchmark file `text` into a folder that is new, empty, or left by an interrupted
+    call with the same text.
+    overwrite: replace captures that the folder has. Raises HandbenchError if the folder has other
+    files, or captures that must not be overwritten."""
     file = folder / BENCH
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():

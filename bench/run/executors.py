@@ -1,8 +1,9 @@
-"""Executors for the jobs of a run: this process, several processes of this machine, or the workers
-of a Dask cluster.
+"""Executors, which carry out the stages of a run: in this process, in several processes of this
+machine, or on the workers of a Dask cluster.
 
-A job is a function of the store's folder and a stage. A HandbenchError, which the user can mend,
-becomes the future's exception; any other exception keeps its traceback and ends the run.
+A job is a function that is called with the folder of all stages and one stage. If it raises a
+HandbenchError, which the user can mend, the job's future has this error and the run goes on. Any
+other exception keeps its traceback and ends the run.
 """
 
 from __future__ import annotations
@@ -55,11 +56,12 @@ _ALONE = threading.Lock()
 
 
 class LocalExecutor(Executor):
-    """Runs jobs in this process; each has ended when `submit` returns."""
+    """Executor that runs each job in this process, before `submit` returns."""
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call the function at once; return a finished future. A HandbenchError becomes its
-        exception; any other error is raised here."""
+        """Call the function at once, and return a finished future with its result.
+        If the function raises a HandbenchError, the future has that error; any other error is
+        raised here."""
         future: Future[Any] = Future()
         try:
             with called_from("benchmark"):
@@ -70,9 +72,11 @@ class LocalExecutor(Executor):
 
 
 class ProcessExecutor(ThreadPoolExecutor):
-    """Runs jobs in processes of this machine, each with its share of the cores. They start with
-    their first job and end with the block, or with this process. If the system kills a process for
-    want of memory, only its job is affected; it is tried once more while the others wait."""
+    """Executor that runs jobs in several processes of this machine, each with its own share of the
+    cores.
+    The processes start with their first job and end with `shutdown` or with this process. If the
+    system kills a process for want of memory, its job is tried once more while the other processes
+    are idle; other jobs are not affected. count: number of processes."""
 
     def __init__(self, count: int) -> None:
         super().__init__(count)
@@ -88,13 +92,14 @@ class ProcessExecutor(ThreadPoolExecutor):
         self._alone, self._ended = threading.Lock(), False
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Have one of the processes call the function; return its future."""
+        """Queue a call of the function in the next idle process, and return its future."""
         return super().submit(
             self._call, partial(elsewhere, self._machine, function, *args, **kwargs)
         )
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes and their jobs; nothing is written after this returns."""
+        """Kill all processes, including those that have a job. No job writes files after this
+        returns."""
         self._ended = True
         super().shutdown(wait=False, cancel_futures=True)
         for pool in self._pools:
@@ -109,8 +114,9 @@ class ProcessExecutor(ThreadPoolExecutor):
         )
 
     def _call(self, job: Callable[[], Any]) -> Any:
-        """Have an idle process do the job, and wait for its result. If the process dies, try once
-        more while all others are idle; HandbenchError if it dies again."""
+        """Run a job in an idle process, and return its result.
+        If the process dies, the job is tried once more while all other processes are idle. Raises
+        HandbenchError if that process dies too."""
         try:
             return self._tried(self._idle.get(), job)
         except BrokenProcessPool:
@@ -140,15 +146,16 @@ class ProcessExecutor(ThreadPoolExecutor):
 
 
 class DaskExecutor(Executor):
-    """Runs jobs on the workers of a Dask scheduler. If a worker is lost, the scheduler gives its
-    job to another one, which is safe because a stage's folder appears complete or not at all."""
+    """Executor that runs jobs on the workers of a Dask scheduler.
+    If a worker is lost, the scheduler gives its job to another worker. This is safe because the
+    folder of a stage appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
         # its futures fail when the scheduler has gone; those of get_executor() then never end
         self._client = client
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Have one of the cluster's workers call the function; return its future."""
+        """Send a call of the function to one of the cluster's workers, and return its future."""
         future: Future[Any] = Future()
         sent = self._client.submit(elsewhere, {}, function, *args, pure=False, **kwargs)
         sent.add_done_callback(partial(_pass_on, future))
@@ -156,7 +163,8 @@ class DaskExecutor(Executor):
 
 
 def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
-    """Copy the outcome of a future of the cluster to a future."""
+    """Copy the result or the error of a Dask future, `ended`, to an ordinary future.
+    If the workers were killed, the error becomes a HandbenchError that suggests more memory."""
     from distributed import KilledWorker
 
     try:
@@ -173,10 +181,10 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
 def elsewhere(
     machine: dict[str, Any], function: Callable[[Path, Stage], Any], root: Path, stage: Stage
 ) -> Any:
-    """Do a stage in this process on behalf of another one; return what `function` returns.
-    machine: facts of this machine, if measured already, so that they are not measured again. root:
-    the folder of all stages. An error that could not be sent back is raised as a RuntimeError with
-    its traceback."""
+    """Execute a stage in a worker process, and return what `function(root, stage)` returns.
+    machine: facts of this machine that were measured already (may be empty). root: folder of all
+    stages. An error that cannot be pickled, and so not be sent back, is raised as a RuntimeError
+    with the traceback as its text."""
     cost.CALIBRATED |= machine
     try:
         with _ALONE, called_from("benchmark"):
@@ -192,8 +200,9 @@ def elsewhere(
 
 
 def _require_same(root: Path, stage: Stage) -> None:
-    """Raise a HandbenchError if this machine does not see the result folder, or has other code or
-    libraries than the machine that sends the stage."""
+    """Check that a worker can execute a stage exactly as the machine that sent it.
+    Raises HandbenchError if the worker does not see the result folder, or has other versions of
+    handbench or of its libraries."""
     if not root.is_dir():
         raise HandbenchError(
             f"{root}: is not there on this machine; expected the result folder, shared by all "
@@ -210,10 +219,11 @@ def _require_same(root: Path, stage: Stage) -> None:
 def assigned(
     executor: Executor, root: Path, stages: Sequence[Stage]
 ) -> list[tuple[Executor, list[int]]]:
-    """Decide where stages are carried out: a list of executors, each with the indices of its
-    stages, to be used one after the other.
-    Processes get the stages without a method that are not done yet, if there are two or more.
-    Imaging runs in this process with nothing else at work, because its time is a result."""
+    """Decide which executor runs which stages.
+    Returns a list of executors, to be used one after the other, each with the indices of its
+    stages. If the executor has several processes, they get the unfinished stages that do no
+    imaging, provided there are at least two. All other stages run in this process while nothing
+    else is at work, because the time of imaging is a result."""
     numbers = list(range(len(stages)))
     if not isinstance(executor, ProcessExecutor):
         return [(executor, numbers)]
@@ -225,8 +235,9 @@ def assigned(
 
 
 def room(bytes_: float = 0.0) -> int:
-    """Return the number of processes for which there are cores and free memory.
-    bytes_: memory of one stage, if more than usual. 1 if this process may not start others."""
+    """Return the number of processes for which this machine has cores and free memory.
+    bytes_: memory that one stage needs, if more than usual. Returns 1 if this process may not start
+    others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
@@ -237,11 +248,11 @@ def room(bytes_: float = 0.0) -> int:
 def executor(
     scheduler: str | None = None, core_s: float = 0.0, bytes_: float = 0.0
 ) -> Iterator[Executor]:
-    """Yield the executor for a run.
+    """Provide the executor of a run as a context manager.
     scheduler: address of a Dask scheduler, tcp://host:port, whose workers are then used. Without
-    it, processes of this machine are used if core_s, the predicted processor time, is worth
-    starting them; else this process. bytes_: memory of one stage. Raises HandbenchError if no
-    scheduler answers, or if it goes away."""
+    it, the run uses several processes of this machine if the predicted processor time core_s, s, is
+    worth starting them, and otherwise only this process. bytes_: memory that one stage needs.
+    Raises HandbenchError if no scheduler answers, or if it stops answering during the run."""
     if scheduler is None:
         count = room(bytes_) if core_s > WORTH_S else 1
         with ProcessExecutor(count) if count > 1 else LocalExecutor() as found:

@@ -1,9 +1,10 @@
-"""Methods that are not part of handbench: depth maps from a folder, or a program that makes them
-from the echoes.
+"""Methods that are not part of handbench: their depth maps are read from a folder, or made by a
+program that gets the echoes.
 
-The program sees only a folder with capture.toml and the echoes of one frame, and a few environment
-variables. Its time, memory and output are limited, and all that it started ends with it and with
-handbench (`supervisor.py`). This protects against mistakes, not against a malicious program.
+The program gets only a folder with capture.toml and the echoes of one frame, and a few environment
+variables. Its time, memory and output are limited. All processes that it started end when it ends,
+and when handbench ends (`supervisor.py`). This protects against mistakes, not against a malicious
+program.
 """
 
 import os
@@ -45,8 +46,10 @@ VARIABLES = (
 
 
 def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
-    """Return the pixel grid that a foreign method's depth map of this capture must have.
-    It is that of the benchmark's first method of handbench, or else the paper's grid."""
+    """Return the pixel grid on which a foreign method, not part of handbench, must give its depth
+    map.
+    This is the grid of the first method in the benchmark that is part of handbench; without such a
+    method, the grid of the paper. about: description of the capture."""
     own = next((entry for entry in methods if not entry.foreign), None)
     config = PixelsConfig() if own is None else configured(about, own.id, own.config)
     grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
@@ -54,15 +57,17 @@ def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
 
 
 def words(command: str, base: Path) -> list[str]:
-    """Split a command line into words; names of files in the benchmark's folder, `base`, become
-    paths."""
+    """Split a command line into words. A word that names a file in the folder `base` becomes its
+    path.
+    base: folder of the benchmark file."""
     split = shlex.split(command)
     return [str(base / word) if os.path.isfile(base / word) else word for word in split]
 
 
 def program_key(command: str, base: Path) -> list[str]:
-    """Return the values that identify a command: the line itself, and the hash of each file that it
-    names. base: the benchmark's folder."""
+    """Return the values that identify a foreign program: its command line, and the hash of each
+    file that the command line names.
+    base: folder of the benchmark file, where these files are looked for."""
     return [
         command,
         *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word)),
@@ -72,10 +77,11 @@ def program_key(command: str, base: Path) -> list[str]:
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
-    """Check a depth map that another program made, and store it in a stage's folder, with the
-    computing time if its file records one.
-    file: the .npz; method: the method's name; x_m, y_m: the pixel centres that the map must have,
-    metres; config: not used. Raises HandbenchError for a map that cannot be scored."""
+    """Check a depth map that another program made, and copy it to a stage's folder, together with
+    the computing time if the file has one.
+    file: the .npz file; method: id of the method; x_m [nx], y_m [ny]: the pixel centres that the
+    map must have, metres; config: not used. Raises HandbenchError for a map that cannot be
+    scored."""
     depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
     _save(folder, depth, [] if seconds is None else [seconds])
 
@@ -90,12 +96,12 @@ def run(
     limits: tuple[float, int],
     config: Any,
 ) -> None:
-    """Have a foreign program image a capture's first frame, and store the depth map in a stage's
-    folder.
-    command: the words, with placeholders {capture} and {depth}. x_m, y_m: the pixel centres that
-    the map must have, metres. limits: seconds, and megabytes of address space (0: none). The
-    recorded time is that of the entire command. Raises HandbenchError if the program fails, takes
-    too long, or writes no usable map."""
+    """Let a foreign program image the first frame of a capture, and write its depth map into a
+    stage's folder.
+    command: the words of the command line, with placeholders {capture} and {depth}. x_m [nx], y_m
+    [ny]: the pixel centres that the map must have, metres. limits: seconds, and megabytes of
+    address space (0: no limit). The recorded time is that of the whole command. config: not used.
+    Raises HandbenchError if the program fails, takes too long, or writes no usable map."""
     data = open_capture(capture)
     with ExitStack() as ending:
         room = Path(tempfile.mkdtemp(prefix="handbench-foreign-"))
@@ -120,15 +126,19 @@ def run(
 
 
 def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
-    """Write a foreign map to a stage's folder as handbench's own methods do, also under equal
-    treatment. Averaging that the foreign method has done cannot be undone."""
+    """Write the depth map of a foreign method and its computing times into a stage's folder, in the
+    files that handbench's own methods write.
+    The maps under equal treatment (same smoothing for all methods) are made by smoothing `depth`;
+    smoothing by the foreign method itself cannot be undone. seconds: may be empty."""
     write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
     depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": seconds})
 
 
 def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float:
-    """Run a command in the folder `room`; returns its seconds."""
+    """Run a command in the folder `room`, under a supervising process, and return its duration, s.
+    limit_s: longest duration, s; limit_mb: address space, megabytes (0: no limit). Raises
+    HandbenchError if the command is not found, takes too long, or ends with an error."""
     environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
     if shutil.which(command[0], path=environment.get("PATH")) is None:
         raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
@@ -159,7 +169,8 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End the supervisor, which ends the program with all that this started."""
+    """End the supervising process, which then kills the foreign program and everything that this
+    started."""
     if child.poll() is None:
         child.terminate()
         child.send_signal(signal.SIGCONT)  # the program may have stopped it
@@ -176,8 +187,9 @@ def _last_line(output: bytes) -> str:
 
 
 def _delete(folder: Path) -> None:
-    """Delete a foreign program's folder, as far as the program left it deletable: not its immutable
-    files, nor folders nested a thousand deep."""
+    """Delete the folder in which a foreign program ran.
+    If the program left something that cannot be deleted, such as immutable files or thousands of
+    nested folders, a message asks the user to delete it."""
     with suppress(OSError, RecursionError):
         shutil.rmtree(folder)
         return
@@ -185,9 +197,10 @@ def _delete(folder: Path) -> None:
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
-    """Read a foreign method's depth map; return it as float32, and its `seconds` (None if not
-    recorded).
-    grid: the pixels that it must have. Raises HandbenchError for a map that cannot be scored."""
+    """Read the depth map of a foreign method from an .npz file; return it with its computing time,
+    s (None if the file has none).
+    grid: the pixels that the map must have. Depths and amplitudes become float32. Raises
+    HandbenchError for a map that cannot be scored, as one on another grid or without any depth."""
     content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
         if content[name].shape != expected.shape or not _same(content[name], expected):

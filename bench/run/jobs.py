@@ -1,9 +1,10 @@
-"""The stages of a benchmark as data: their inputs, their arguments, and the function that each
-runs.
+"""Functions that describe the stages of a benchmark: for each stage its inputs, its arguments, and
+the function that executes it.
 
-They come in rounds: `opening`, then `inspection`, for every capture; for captures that are open,
-the photographs' `clouds` in two rounds, `sparse` and `dense`; then `calibration`, `meshing` and
-`imaging`, which do not depend on each other; last `scoring`, for captures with a reference.
+The stages of a run form rounds. `opening` and `inspection` make every capture available and check
+it. `clouds` reconstructs photographs in two rounds, first cameras (sparse), then point clouds
+(dense). The stages of `calibration`, `meshing` and `imaging` do not depend on each other. `scoring`
+comes last, for captures with a reference.
 """
 
 from pathlib import Path
@@ -50,8 +51,8 @@ def opening(
 ) -> Stage:
     """Return the stage that makes a capture available: it hashes a capture folder, or simulates a
     scene.
-    base: folder from which paths start. frames: number of frames that are needed. photos: whether
-    anything needs the scene's photographs."""
+    base: folder to which the benchmark's paths are relative. frames: how many frames are needed.
+    photos: whether a later stage needs the photographs of the scene."""
     if source.path is not None:
         folder = inside(base, source.path, "capture.path")
         given = {"folder": str(folder), "frames": frames}
@@ -65,8 +66,9 @@ def opening(
 
 
 def content_key(root: Path, stage: Stage) -> str:
-    """Compute the hash of a capture folder's content; carries out the stage that `opening` returns
-    for it. Raises HandbenchError if the files differ from their recorded checksums."""
+    """Return the hash of a capture folder's content.
+    root: not used; stage: has the folder and the number of frames as arguments. Raises
+    HandbenchError if a file differs from its recorded checksum."""
     folder = Path(stage.arguments["folder"])
     key = open_capture(folder).key(stage.arguments["frames"])
     require_unchanged(folder)
@@ -74,8 +76,9 @@ def content_key(root: Path, stage: Stage) -> str:
 
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
-    """Read the scene that a benchmark names, with the benchmark's changes (person, phase noise,
-    photographs); return it and its file. base: folder from which paths start."""
+    """Read the scene of a benchmark's capture, and apply the changes that the benchmark makes to
+    it: person, phase noise, no photographs. Returns the scene and its file.
+    base: folder to which the benchmark's paths are relative."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
     if isinstance(source, Source) and source.persons:
@@ -88,22 +91,23 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
 
 
 def inspection(capture: RunCapture) -> Stage:
-    """The stage that checks a capture for mistakes before its data are used."""
+    """Return the stage that checks a capture for likely mistakes before its data are used."""
     given = {"capture": str(capture.folder)}
     return Stage("inspect", resolve_name(INSPECT), given, [capture.key], capture.name)
 
 
 def clouds(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds:
-    """Return the stages that reconstruct a capture's photographs: sparse, dense and mesh.
+    """Return the three stages that reconstruct a capture's photographs: cameras (sparse), point
+    cloud (dense) and mesh.
     work: folder of all stages. Raises HandbenchError if the capture has no photographs."""
     photos, options = photographs(capture.folder, bench.groundtruth.quality, bench.seed)
     return pipeline.stages(work, photos, options, [capture.key], capture=capture.name)
 
 
 def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> Stage:
-    """Return the stage that registers camera and radar (radar_from_photo).
-    targets: captures of one calibration target; dense: for each, the stage that makes the point
-    cloud of its photographs; work: folder of all stages."""
+    """Return the stage that computes the transform from the photo frame to the radar frame.
+    targets: captures of one calibration target; dense: for each capture, the stage that makes the
+    point cloud of its photographs; work: folder of all stages."""
     given = {
         "captures": [str(target.folder) for target in targets],
         "clouds": [str(each.folder(work) / CLOUD) for each in dense],
@@ -113,9 +117,10 @@ def calibration(targets: list[RunCapture], dense: list[Stage], work: Path) -> St
 
 
 def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
-    """Return the stages sparse, dense and mesh that turn a capture's photographs into a mesh.
-    None if it has no photographs, already has a mesh, or if nothing will carry the mesh into the
-    radar frame."""
+    """Return the three stages (sparse, dense, mesh) that turn the photographs of a capture into a
+    mesh.
+    work: folder of all stages. Returns None if the capture has no photographs, if it has a mesh
+    already, or if neither the capture nor the benchmark gives a transform into the radar frame."""
     data = open_capture(capture.folder)
     carried = bool(bench.calibration) or data.transform() is not None
     return (
@@ -126,9 +131,10 @@ def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
 
 
 def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> list[Stage]:
-    """Return the stages that image a capture by one method: the benchmark's `frames` for the
-    accuracy, and all `repeats` for the precision, if both the capture and the method measure it.
-    base: folder from which paths start."""
+    """Return the stages that image a capture by one method.
+    For the accuracy, one stage images the first `frames` frames of the benchmark. For the
+    precision, another images `repeats` frames, if both the capture and the method measure it. base:
+    folder to which the benchmark's paths are relative."""
     if entry.foreign:
         return [_foreign(bench, base, capture, entry)] if "accuracy" in capture.measures else []
     given = {
@@ -154,8 +160,10 @@ def imaging(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntr
 
 
 def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEntry) -> Stage:
-    """The stage that takes a foreign method's depth map of the capture, or has its command make
-    one."""
+    """Return the stage that obtains the depth map of a foreign method, which is not part of
+    handbench: it reads the file of the map, or runs the command of the method.
+    base: folder to which the benchmark's paths are relative. Raises HandbenchError if the file is
+    missing."""
     grid = foreign.pixels(capture.about, bench.method)
     function = foreign.run if entry.command is not None else foreign.take
     given: dict[str, Any] = {"method": entry.id, "x_m": grid.x_m, "y_m": grid.y_m}
@@ -184,11 +192,12 @@ def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEnt
 def references(
     capture: RunCapture, registration: Transform | None, made: Path | None, found: Outcome
 ) -> dict[str, tuple[Path, Transform]]:
-    """Find what a capture's depth maps are compared with: reference → mesh file, and the transform
-    that carries it into the radar frame.
-    registration: radar_from_photo of the benchmark's calibration, for captures without their own.
-    made: folder with the mesh of the capture's photographs, if one was made. found: gets notes on
-    the transforms. Raises HandbenchError if there is no reference."""
+    """Find the surfaces with which a capture's depth maps are compared: reference → mesh file, and
+    the transform that moves the mesh into the radar frame.
+    registration: radar_from_photo of the benchmark's calibration, for captures that have no
+    transform. made: folder with the mesh reconstructed from the capture's photographs, or None.
+    found: remarks on the transform and the photograph to show are added to it. Raises
+    HandbenchError if there is no reference."""
     available: dict[str, tuple[Path, Transform]] = {}
     data = open_capture(capture.folder)
     transform, mesh = data.transform() or registration, data.mesh()
@@ -220,8 +229,9 @@ def scoring(
     maps: dict[str, Path],
     references: dict[str, tuple[Path, Transform]],
 ) -> Stage:
-    """Return the stage that compares a capture's depth maps with its references.
-    maps: method → file of its depth map. references: name → mesh file and transform."""
+    """Return the stage that compares the depth maps of one capture with its references.
+    maps: method → file of its depth map. references: name → mesh file, and the transform that moves
+    the mesh into the radar frame."""
     given = {
         "capture": str(capture.folder),
         "maps": maps,

@@ -24,7 +24,7 @@ Line = tuple[Any, ...]  # of a table, in the order of its columns
 @dataclass
 class RunCapture:
     """A capture of the run: its folder, the hash of its content (key), its description (about), and
-    what it measures, "accuracy" or "precision" or both."""
+    what is measured on it ("accuracy", "precision" or both)."""
 
     folder: Path
     key: str
@@ -33,19 +33,20 @@ class RunCapture:
 
     @property
     def name(self) -> str:
-        """The name used for its files and rows."""
+        """The capture's name, used in names of files and rows of tables."""
         return self.about.name
 
 
 @dataclass
 class Outcome:
-    """Everything that the stages of a run found. Keys are names of captures, or pairs of capture
-    and method id.
-    tasks, repeats: lines of the tables TASKS and REPEATS. references: name → mesh file and
-    transform. configs: the methods' complete settings. maps: files of depth maps. seconds: times of
-    the frames. deviations, scores: folders of the stages that measured the precision and the
-    errors. views: photographs to show. inputs: hashes of the captures. machines: facts of the
-    machines that did the work, by name."""
+    """Everything that the stages of a run found. Dictionaries are keyed by the capture's name, or
+    by capture and method id.
+    tasks: lines of the table of stages with their times. repeats: lines with capture, method, frame
+    and depth of the strongest scatterer, m. references: reference → mesh file and transform.
+    configs: complete settings of the methods. maps: files of depth maps. seconds: imaging times of
+    the frames, s. deviations, scores: folders of the stages that measured precision and errors.
+    views: photographs to show in the report. inputs: hashes of the captures. facts: further entries
+    of result.json. machines: facts of the machines that did the work, by host name."""
 
     bench: BenchFile
     captures: list[RunCapture]
@@ -69,10 +70,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class CommonSubset:
-    """The captures and methods that a result's table contains, such that every method has every
-    capture.
-    captures: those of the accuracy; repeated: those of the precision; text: a sentence on what was
-    left out."""
+    """The captures and methods of a result's table, chosen so that every method has every capture.
+    captures: those for the accuracy; repeated: those for the precision; text: words that say how
+    many captures and which methods were left out."""
 
     captures: tuple[RunCapture, ...]
     methods: tuple[MethodEntry, ...]
@@ -81,7 +81,7 @@ class CommonSubset:
 
     @property
     def all_captures(self) -> tuple[RunCapture, ...]:
-        """The captures of the accuracy, then those that measure only the precision."""
+        """The captures for the accuracy, followed by those that measure only the precision."""
         return (
             *self.captures,
             *(capture for capture in self.repeated if capture not in self.captures),
@@ -92,9 +92,10 @@ class CommonSubset:
 def recorded_failure(
     failures: list[Failure], capture: str, stage: str, method: str = ""
 ) -> Iterator[None]:
-    """Catch a HandbenchError in the block: print it and append it to `failures`, so that the run
-    goes on.
-    capture, stage, method: where it happened; method "" if the capture fails for all methods."""
+    """Context manager that catches a HandbenchError, prints it and appends it to `failures`, so
+    that the run goes on.
+    capture, stage, method: what is recorded with the error; method is "" if the capture fails for
+    all methods."""
     try:
         yield
     except HandbenchError as error:
@@ -103,14 +104,17 @@ def recorded_failure(
 
 
 def common_subset(outcome: Outcome) -> CommonSubset:
-    """Select the captures and methods of the table: the accuracy uses the captures for which all
-    methods finished every stage.
+    """Select the captures and methods of the result's table, so that every method has every
+    capture.
 
-    A method that finished fewer than half as many captures as the best one is left out, because it
-    would remove the others' captures; so is the weakest method while no capture is common to all.
-    Raises HandbenchError if nothing is left. The precision uses those of these captures that
-    measure it, and the captures of precision only that all methods with a precision finished; here
-    too a method may be left out in the same way, and then has no precision.
+    The accuracy uses the captures for which all selected methods finished every stage. A method
+    that finished fewer than half as many captures as the best one is left out, because it would
+    remove the other methods' captures. While no capture is common to all methods, the one with the
+    fewest captures is left out too. Raises HandbenchError if nothing remains.
+
+    The precision uses those of the selected captures that measure it. Captures that measure only
+    the precision are added if all methods with a precision finished them. Methods are left out of
+    the precision by the same rule, and stay in the table.
     """
     scored = _finished(
         outcome, [c for c in outcome.captures if "accuracy" in c.measures], outcome.bench.method
@@ -139,7 +143,8 @@ def common_subset(outcome: Outcome) -> CommonSubset:
 def _finished(
     outcome: Outcome, captures: list[RunCapture], methods: Sequence[MethodEntry]
 ) -> dict[str, set[str]]:
-    """Return for each method the names of the captures for which it finished every stage."""
+    """Find the captures for which each method finished every stage: method id → names of the
+    captures."""
     lost = {(failure.capture, failure.method) for failure in outcome.failures}
     return {
         entry.id: {c.name for c in captures if not lost & {(c.name, ""), (c.name, entry.id)}}
@@ -148,9 +153,11 @@ def _finished(
 
 
 def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
-    """Choose the methods that stay in the table, and return them with the captures that all of them
+    """Choose the methods that stay in the table; return them, and the captures that all of them
     finished.
-    finished: method → names of the captures that it finished."""
+    finished: method → names of the captures that it finished. Methods with fewer than half as many
+    captures as the best one are left out; then the weakest ones, while no capture is common to
+    all."""
     most = max(map(len, finished.values()), default=0)
     kept = [id for id, names in finished.items() if 2 * len(names) >= most > 0]
     while kept and not set.intersection(*(finished[id] for id in kept)):
@@ -173,14 +180,16 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
 def errors(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[ErrorMap]:
-    """Yield a method's error maps on some captures, one in memory at a time."""
+    """Yield the error maps of one method against one reference, for the captures named; only one of
+    them is in memory at a time."""
     return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
 def surfaces(
     outcome: Outcome, captures: Sequence[str], method: str, reference: str
 ) -> Iterator[Reference]:
-    """Yield the references with which the maps of `errors` were compared, in the same order."""
+    """Yield the reference surface of each named capture on the pixel grid of the method's depth
+    map."""
     for name in captures:
         _, transform = outcome.references[name][reference]
         yield read_reference(outcome.scores[name], name, method, reference, transform)

@@ -1,4 +1,5 @@
-"""Reconstruction of a capture's photographs, as `handbench run` and `handbench calibrate` do it."""
+"""Reconstruction of a capture's photographs, with the settings that `handbench run` and `handbench
+calibrate` share."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,8 +19,9 @@ from handbench.support.errors import HandbenchError
 
 def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
     """Return the folder of a capture's photographs, and the options of their reconstruction.
-    quality: as in `handbench groundtruth --quality`. Only points in the capture's box are kept.
-    Raises HandbenchError if it has no photographs."""
+    quality: "draft" or another value of `handbench groundtruth --quality`; seed: of random numbers.
+    Only points inside the capture's box are kept. Raises HandbenchError if the capture has no
+    photographs."""
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
@@ -30,8 +32,9 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
 
 
 def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
-    """Estimate the antennas' calibration from the echoes of a known target, in the first of the
-    captures, read as recorded."""
+    """Estimate the calibration of the antennas from the echoes of a known target.
+    captures: folders, of which only the first is used; its echoes are read without any
+    calibration."""
     [capture, *_] = captures
     recorded = open_capture(capture)
     return estimate_array(
@@ -42,10 +45,11 @@ def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:
 def calibrate_captures(
     captures: Sequence[Path], quality: str, seed: int, array: ArrayCalibration | None = None
 ) -> Transform:
-    """Compute radar_from_photo from the photographs and echoes of captures of one target.
-    quality, seed: of the reconstruction of the photographs; array: the antennas' calibration, used
-    in place of the captures' own. No intermediate results are kept. Raises HandbenchError for
-    different targets."""
+    """Compute the transform from the photo frame to the radar frame, from photographs and echoes of
+    captures of one calibration target.
+    captures: their folders. quality, seed: of the photographs' reconstruction. array: calibration
+    of the antennas, used instead of those in the captures' folders. Intermediate results are not
+    stored. Raises HandbenchError if the captures show different targets."""
     common_target(captures)  # what differs is refused before the work
     clouds = [reconstruct_cloud(*photographs(capture, quality, seed)) for capture in captures]
     return register_captures(captures, clouds, array)

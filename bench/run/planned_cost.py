@@ -1,8 +1,9 @@
-"""Predicted cost of a run, from the shapes of its inputs, before any of it is made.
+"""Predict the time and memory of a run from the shapes of its inputs, before it starts.
 
-The processor time is the sum of counts times rates of entire stages, measured on two shared cores
-of an AMD EPYC: hands in front of 94 × 94 antennas, 2 to 128 tones; a method's images for the
-figure, the time and the treatments. The prediction distinguishes minutes from days.
+The processor time is a sum of counts (such as voxels) times measured rates. The rates are those of
+whole stages on two shared cores of an AMD EPYC: hands in front of 94 × 94 antennas, 2 to 128 tones,
+imaged for the depth map, for the time and for equal treatment. The prediction tells minutes from
+days.
 """
 
 from collections.abc import Iterable
@@ -37,31 +38,33 @@ VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 
 
 class Work(NamedTuple):
-    """Predicted cost of some work. core_s: processor time on one core, s; bytes_: peak memory."""
+    """Predicted cost of some work: core_s, its time on one processor core, s; bytes_, its peak
+    memory."""
 
     core_s: float
     bytes_: float = BASE_BYTES
 
 
 def one_after_another(parts: Iterable[Work]) -> Work:
-    """Add the costs of several parts done in sequence: the sum of their times, the largest
+    """Add the costs of several works done in sequence: the sum of their times, and the largest
     memory."""
     times_s, sizes = zip(Work(0.0), *parts, strict=True)
     return Work(sum(times_s), max(sizes))
 
 
 def of_run(bench: BenchFile, base: Path) -> Work:
-    """Predict the cost of a benchmark: processor time and peak memory. base: folder from which its
-    paths start."""
+    """Predict processor time and peak memory of a whole benchmark.
+    base: folder to which the benchmark's paths are relative."""
     return one_after_another(
         _of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration)
     )
 
 
 def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
-    """Predict the cost of a trade-off's captures and of its imaging settings, each timed `rounds`
-    times.
-    Exact volumes count like others, because only a few planes of them are summed."""
+    """Predict processor time and peak memory of a trade-off: of its captures, and of imaging with
+    every setting, each timed `rounds` times.
+    base: folder to which the benchmark's paths are relative. Exact images cost no more than fast
+    ones here, because the trade-off sums only a few of their planes."""
     configs = [
         (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
         for s in settings
@@ -75,10 +78,10 @@ def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], r
 def imaging(
     settings: Config, channels: float = CHANNELS, frames: int = 1, exact: bool = True
 ) -> Work:
-    """Predict the cost of imaging and scoring `frames` frames of one capture by a method's
-    settings.
-    channels: number of antenna pairs. exact: count the settings' exact sums, if they ask for these;
-    False: only a small part of them is done."""
+    """Predict the cost of imaging and scoring the first `frames` frames of one capture.
+    settings: configuration of the method. channels: number of pairs of a transmitter and a
+    receiver. exact: whether the direct sums of settings with tolerance = None are counted; False if
+    only a small part of them will be computed."""
     asked = requested_tones_hz(settings)
     tones = TONES if asked is None else len(asked)
     shape, samples = (
@@ -97,8 +100,9 @@ def imaging(
 
 
 def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
-    """Predict the cost of all stages of one capture; zero if it cannot be opened, because opening
-    it reports the error."""
+    """Predict the cost of all stages of one capture.
+    base: folder to which the benchmark's paths are relative. A capture that cannot be opened costs
+    zero, because opening it later reports the error."""
     measures = source.measures if isinstance(source, Source) else ()
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
@@ -128,16 +132,18 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
 
 
 def inspecting(folder: Path | None) -> float:
-    """Predict the processor time, s, to inspect a capture for mistakes. None: a simulated capture,
-    which has a surface."""
+    """Predict the processor time, s, to check a capture for mistakes. The check of a capture
+    without a surface takes longer.
+    folder: of a recorded capture; None for a simulated one, which always has a surface."""
     capture = open_capture(folder) if folder else None
     return FITTED_S if capture is None or capture.truth or capture.mesh() else FOCUSED_S
 
 
 def _recorded(folder: Path) -> tuple[float, int, float]:
-    """Return, for a recorded capture: 0 s of simulation, and the number and total megapixels of the
-    photographs that must be reconstructed (none if it has a mesh), each taken to be as large as the
-    first."""
+    """Return what must be done before a recorded capture can be scored: the time to simulate it (0
+    s), and number and total megapixels of the photographs to reconstruct.
+    There are none to reconstruct if the capture has a mesh. All photographs are taken to be as
+    large as the first."""
     capture = open_capture(folder)
     pictures = (
         sorted(capture.photos.glob("*.[jJpPtT]*"))
@@ -151,8 +157,9 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
 
 
 def _simulated(base: Path, source: Origin) -> tuple[float, int, float]:
-    """Return, for a scene: the processor time to simulate it, s, and the number and total
-    megapixels of its photographs."""
+    """Return the processor time to simulate a scene, s, and the number and total megapixels of the
+    photographs to be rendered and reconstructed.
+    base: folder to which the benchmark's paths are relative."""
     scene = load(
         SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description"
     )

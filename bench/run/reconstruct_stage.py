@@ -1,4 +1,5 @@
-"""The stage that images a capture by one method: echoes → depth map, with its time."""
+"""The stage that images a capture by one method: it turns echoes into a depth map, and measures the
+time."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -35,11 +36,14 @@ def reconstruct(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Image a capture by one method into a stage's folder, and measure the time of each frame.
-    Writes the depth map of frame 0 with its uncertainty (DEPTH), its maps under equal treatment
-    (TREATED), the depths of all frames (FRAMES, if several), and the times (TIMING).
-    device: name of the device that images; every_nth_antenna: use only every n-th transmitter and
-    receiver; frames: how many are imaged."""
+    """Image a capture by one method, measure the time, and write the results into a stage's folder.
+    It writes the depth map of frame 0 with its uncertainty (depth.npz), the depths of all frames if
+    there are several (frames.npz), and the times (timing.json). Unless imaging takes long, it also
+    writes the maps of frame 0 under equal treatment, with the same smoothing for all methods
+    (treated.npz).
+    capture: its folder; config: complete settings of the method; device: name of the device that
+    images; every_nth_antenna: use only every n-th transmitter and every n-th receiver; frames: how
+    many frames are imaged."""
     from handbench.radar.methods.projection import cached_peaks
 
     kept: dict[Any, Any] = {}
@@ -65,11 +69,11 @@ def reconstruct(
 
 
 class Images(NamedTuple):
-    """Results of the frames that were imaged.
-    seconds: from echoes in memory to each depth map, without the preparation (plan) of the fast
-    imaging, which depends only on the geometry. plan_s: time of that preparation, if known.
-    image_error: bound of the relative error of frame 0's images by the fast imaging; None if it
-    made none."""
+    """Results of imaging the frames of a capture.
+    results: one for each frame. seconds: times from the echoes in memory to a depth map, without
+    the preparation (plan) of the fast imaging, which depends only on the geometry. plan_s: time of
+    that preparation, s, if known. image_error: upper bound of the relative error of frame 0's
+    images; None if the method used no fast imaging."""
 
     results: list[Reconstruction]
     seconds: list[float]
@@ -79,8 +83,9 @@ class Images(NamedTuple):
 
 class Imager:
     """Images the first frames of a capture by one method, and measures the time.
-    config: settings that differ from the defaults; every_nth_antenna: use only every n-th
-    transmitter and receiver. Raises HandbenchError if the method cannot image the capture."""
+    config: settings that differ from the method's defaults; frames: how many; every_nth_antenna:
+    use only every n-th transmitter and every n-th receiver. Raises HandbenchError if the method
+    cannot image the capture."""
 
     def __init__(
         self,
@@ -100,10 +105,10 @@ class Imager:
 
     def images(self) -> Images:
         """Image every frame; return the results and the times.
-        The first image of a geometry also prepares (plans) the fast imaging, which a radar does
-        only once. So the times of the other frames count; with a single frame, it is imaged again
-        unless it took long. The extra time of the first image is that of the plan and of its error
-        bound."""
+        The first frame also pays for the preparation (plan) of the fast imaging, which a radar does
+        only once. Its time therefore counts only if there is no other: the other frames are timed,
+        and a single frame is imaged again unless it took long. The extra time of the first frame is
+        reported as the time of the plan and of its error bound."""
         from handbench.radar.imaging.certificate import certified
 
         task, times, results = self.task, list[float](), list[Reconstruction]()
@@ -122,8 +127,9 @@ class Imager:
         )
 
     def until_settled(self, seconds: list[float]) -> list[float]:
-        """Repeat imaging until the median time is known well enough, or SETTLE_S seconds have
-        passed. Returns the given times of the frames and those of the repetitions, seconds."""
+        """Repeat the imaging until the median of the times is known well enough (`settled`), or
+        half a second (SETTLE_S) has passed.
+        seconds: times measured so far, s. Returns these and the times of the repetitions."""
         found, end = list(seconds), time.perf_counter() + SETTLE_S
         while not settled(found) and time.perf_counter() + found[-1] < end:
             with timed(found):
@@ -133,15 +139,15 @@ class Imager:
 
 @contextmanager
 def timed(seconds: list[float]) -> Iterator[None]:
-    """Append the duration of the block, in seconds."""
+    """Context manager that appends the duration of its block, in seconds, to the list `seconds`."""
     start = time.perf_counter()
     yield
     seconds.append(time.perf_counter() - start)
 
 
 def settled(seconds: list[float]) -> bool:
-    """Return whether the median of the times is known well: its 95 % interval, between two order
-    statistics, is within a share of SETTLED of it."""
+    """Tell whether the median of the times is known well: its 95 % confidence interval, taken
+    between two order statistics, is at most 10 % of the median wide (2 × SETTLED)."""
     from scipy.stats import binom
 
     n, ordered = len(seconds), sorted(seconds)
@@ -159,10 +165,12 @@ THRESHOLD = "threshold_db"
 def write_treated(
     folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
 ) -> None:
-    """Write the depth maps under every equal treatment (same thresholds and smoothing for all
-    methods) to the file TREATED.
-    image: makes the capture's depth map by a given configuration of the method. settings, own: the
-    method's own configuration, and the map that it made."""
+    """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
+    the file treated.npz.
+    There are two maps for each treatment: one above the method's own threshold, and one above a low
+    threshold (OPEN_DB, −20 dB, or the method's own if that is lower).
+    image: function that makes the capture's depth map with a given configuration of the method.
+    settings: the method's own configuration; own: the depth map that it gave."""
     # imports numba, which readers of the maps do not need
     from handbench.radar.methods.fsk import masked_mean
 
@@ -189,8 +197,9 @@ def write_treated(
 
 
 def read_treated(folder: Path) -> dict[str, TreatedDepths] | None:
-    """Read the depth maps under equal treatment: treatment → depths; None if the folder has
-    none."""
+    """Read the depth maps under every equal treatment (same smoothing for all methods) from a
+    stage's folder.
+    Returns treatment → depths, or None if the folder has none."""
     if not (folder / TREATED).exists():
         return None
     kept = read_npz(

@@ -1,4 +1,5 @@
-"""The stage that images a capture's repeats by one method, to measure the scatter of the depths."""
+"""The stage that images repeated frames of a capture by one method, to measure the scatter of the
+depths."""
 
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,12 @@ def repeat(
     every_nth_antenna: int,
     frames: int,
 ) -> None:
-    """Image a capture's repeats by one method, to measure the scatter of its depths, into a stage's
-    folder.
-    Writes the depth of the strongest scatterer in each frame and every pixel's standard deviation
-    (REPEATS), and the frames' times (TIMING). device: name of the device that images;
-    every_nth_antenna: use only every n-th transmitter and receiver."""
+    """Image repeated frames of a capture by one method, and write the scatter of the depths into a
+    stage's folder.
+    It writes the depth of the strongest scatterer in each frame and the standard deviation of each
+    pixel (repeats.npz), and the times of the frames (timing.json). capture: its folder; config:
+    settings of the method; device: name of the device that images; every_nth_antenna: use only
+    every n-th transmitter and every n-th receiver; frames: how many are imaged."""
     with use_device(device), others() as busy:
         found = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in found.results]
@@ -48,14 +50,15 @@ def repeat(
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
-    """Return the depth [n], metres, of the strongest scatterer in each of a capture's repeats; the
-    same pixel in all."""
+    """Return the depth [n], metres, of the strongest scatterer in each of the n repeated frames.
+    It is read at the same pixel in all frames. depths: one depth map for each frame."""
     amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
     return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
-    """Read what `repeat` has written: the strongest scatterer's depths [n], metres, and the pixels'
-    standard deviations as an ErrorMap."""
+    """Read the scatter of a capture's repeated frames from the stage's folder.
+    Returns the depths of the strongest scatterer [n], metres, and an ErrorMap that holds the
+    standard deviation of each pixel in place of errors."""
     kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
     return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])

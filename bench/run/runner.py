@@ -1,7 +1,7 @@
-"""The main job: every capture × method of a benchmark, from photographs and echoes to the table.
+"""Run a whole benchmark: every capture × method, from photographs and echoes to the table.
 
-Results do not depend on the executor: the table is made from the stages' folders. A stage that
-fails is reported and recorded, and the run goes on without it.
+Results do not depend on the executor, because the table is made from the files in the stages'
+folders. A stage that fails is reported and recorded, and the run goes on without it.
 """
 
 from concurrent.futures import Executor, Future
@@ -46,12 +46,12 @@ def run(
     command: str | None = None,
 ) -> results.Result:
     """Run a benchmark into a result folder, and return the result read from it.
-    base: folder from which the benchmark's paths start. Finished steps that the folder already has
-    are reused. overwrite: replace the results of another configuration. scheduler: address of a
-    Dask scheduler whose workers find both folders under the same paths; None: run on this machine.
-    command: the command that repeats the run, for the report.
-    Raises HandbenchError if the folder is another benchmark's, the predicted time is too long, or
-    every capture fails."""
+    base: folder to which the benchmark's paths are relative. Stages that `folder` already has are
+    reused. overwrite: replace the results of another configuration. scheduler: address of a Dask
+    scheduler whose workers see both folders under the same paths; None: run on this machine.
+    command: the command line that repeats the run, for the report.
+    Raises HandbenchError if the folder has the results of another benchmark, the predicted time is
+    too long, or every capture fails."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     ahead = planned_cost.Work(0.0)
     if scheduler is None:  # of other machines neither cores nor memory are known
@@ -80,7 +80,9 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> None:
-    """Refuse a folder with the results of another benchmark."""
+    """Raise a HandbenchError if the folder has the results of another configuration and `overwrite`
+    is false.
+    config: the text of this run's config.toml."""
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
@@ -91,10 +93,11 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
 
 
 class StageOutcome(NamedTuple):
-    """What came of one stage (a step of the run, as simulating, imaging or scoring one capture).
+    """Outcome of one stage, which is a step of the run such as simulating, imaging or scoring one
+    capture.
     key: hash of the stage's inputs and code. failure: the error, if it failed for a reason that the
-    user can mend. task: its line of the table TASKS, and machine: facts of the machine that did it;
-    None if the stage made no folder."""
+    user can mend. task: the stage's line in the table of times; machine: facts of the machine that
+    did it. Both are None if the stage has no folder."""
 
     key: str = ""
     failure: Failure | None = None
@@ -103,11 +106,12 @@ class StageOutcome(NamedTuple):
 
 
 class Run:
-    """A benchmark that is being run; its methods are the steps, in the order in which `run` calls
-    them.
-    Paths start from `base`; each stage has a folder in `work`. found: everything that the steps
-    found so far; targets: the captures of the calibration target; meshes: capture → folder of the
-    mesh of its photographs."""
+    """A benchmark in execution; its public methods are the steps, called by the function `run` in
+    order.
+    base: folder to which the benchmark's paths are relative; work: folder with one folder for each
+    stage. found: everything that the steps have found so far; targets: captures of the calibration
+    target; registration: transform from the photo frame to the radar frame; meshes: capture →
+    folder with the mesh of its photographs."""
 
     def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
@@ -117,10 +121,10 @@ class Run:
         self.meshes: dict[str, Path] = {}  # capture → folder of the mesh of its photographs
 
     def open(self) -> None:
-        """Open the capture folders and simulate the scenes, of the benchmark and of its
+        """Open the capture folders and simulate the scenes, for the benchmark and for its
         calibration.
-        A capture of the benchmark that fails is recorded and left out; one of the calibration
-        raises HandbenchError, and so do two captures of one name."""
+        A capture of the benchmark that fails is recorded and left out. Raises HandbenchError if a
+        capture of the calibration fails, or if two captures have the same name."""
         opening: list[tuple[Origin, Stage]] = []
         for source in self.bench.capture:
             with recorded_failure(self.found.failures, source.scene or source.path or "", "open"):
@@ -156,8 +160,8 @@ class Run:
                 self.targets.append(RunCapture(folder, done.key, about))
 
     def inspect(self) -> None:
-        """Check the captures for likely mistakes; warnings are printed and recorded in the result's
-        facts."""
+        """Check all captures for likely mistakes; print the warnings and record them for
+        result.json."""
         stages = [plan.inspection(capture) for capture in self.found.captures]
         ended = zip(stages, self.perform(stages), strict=True)
         files = {
@@ -170,9 +174,10 @@ class Run:
             self.found.facts["doubts"] = warnings
 
     def photographed(self) -> list[Stage]:
-        """Reconstruct cameras and dense point clouds from all photographs that need it.
-        Returns the stages that remain to be done: the registration of camera and radar, then the
-        meshes. Raises HandbenchError if the photographs of a calibration capture fail."""
+        """Reconstruct cameras and dense point clouds from all photographs that are needed.
+        Returns the stages that remain to be done: the registration of camera and radar, if the
+        benchmark calibrates, and for each capture the stage that makes its mesh. Raises
+        HandbenchError if the photographs of a calibration capture cannot be reconstructed."""
         clouds, targets = (
             [plan.clouds(self.bench, target, self.work) for target in self.targets],
             len(self.targets),
@@ -195,8 +200,7 @@ class Run:
         return calibration + [mesh for _, _, mesh in clouds[targets:]]
 
     def imaging(self) -> list[Stage]:
-        """Return the stages that image every capture by every method; they are not yet carried
-        out."""
+        """Return the stages, not yet executed, that image every capture by every method."""
         stages: list[Stage] = []
         for capture, entry in product(self.found.captures, self.bench.method):
             with recorded_failure(self.found.failures, capture.name, "reconstruct", entry.id):
@@ -204,10 +208,10 @@ class Run:
         return stages
 
     def collect(self, stages: list[Stage], ended: list[StageOutcome]) -> None:
-        """Note the results of the stages of `photographed` and `imaging` in `found`, from their
-        folders.
-        ended: the outcomes, in the order of the stages. Raises HandbenchError if the calibration
-        failed."""
+        """Read the results of finished stages from their folders into `found`, `registration` and
+        `meshes`.
+        stages: those that register the sensors, make meshes, or image; ended: their outcomes in the
+        same order. Raises HandbenchError if the registration failed."""
         for stage, done in zip(stages, ended, strict=True):
             folder = stage.folder(self.work)
             if stage.name == "calibrate":
@@ -231,8 +235,8 @@ class Run:
             self.found.repeats += [(*about, k, float(z)) for k, z in enumerate(strongest_m)]
 
     def _register(self, transform: Transform) -> None:
-        """Take over radar_from_photo from the calibration. Its residuals are recorded as facts of
-        the result, and also its error at the hand, mm, if the true transform is known."""
+        """Store the transform radar_from_photo, and record its residuals, mm, for result.json.
+        If the true transform is known, the error at the position of a hand, mm, is recorded too."""
         self.registration = transform
         self.found.inputs |= {f"calibration {target.name}": target.key for target in self.targets}
         self.found.facts["registration_residuals_mm"] = (1e3 * transform.residuals_m).tolist()
@@ -244,8 +248,9 @@ class Run:
             )
 
     def find_references(self) -> None:
-        """Find for each capture the surfaces that its depth maps are compared with: mesh files and
-        transforms. A capture that has none is recorded as a failure."""
+        """Find for each capture the surfaces with which its depth maps are compared: mesh files and
+        transforms.
+        A capture without any is recorded as a failure."""
         without = {failure.capture for failure in self.found.failures if not failure.method}
         for name, capture in ((c.name, c) for c in self._accurate() if c.name not in without):
             with recorded_failure(self.found.failures, name, "references"):
@@ -255,7 +260,8 @@ class Run:
                 )
 
     def score(self) -> None:
-        """Compare the depth maps of all captures with their references."""
+        """Compare the depth maps of all captures with their references, and note the folders with
+        the scores."""
         stages = []
         for capture in (c for c in self.found.captures if c.name in self.found.references):
             imaged = (
@@ -274,10 +280,10 @@ class Run:
         return [capture for capture in self.found.captures if "accuracy" in capture.measures]
 
     def perform(self, stages: list[Stage]) -> list[StageOutcome]:
-        """Carry out stages that do not depend on each other, and return their outcomes in the same
+        """Execute stages that do not depend on each other, and return their outcomes in the same
         order.
-        Failures, times and machines are recorded in `found`. Each executor gets a few jobs at a
-        time, so that no process holds the entire run in memory."""
+        Failures, times and machines are recorded in `found`. An executor gets at most IN_FLIGHT
+        (256) jobs at a time, so that no process holds the entire run in memory."""
         ended: dict[int, StageOutcome] = {}
         for executor, waiting in executors.assigned(self.executor, self.work, stages):
             running: dict[Future[Any], int] = {}
@@ -303,7 +309,9 @@ class Run:
         return done
 
     def _outcome(self, stage: Stage, future: Future[Any]) -> StageOutcome:
-        """Print and return the outcome of a stage that has ended; facts of its machine are kept."""
+        """Print how a stage ended, and return its outcome.
+        future: the finished future of its job. Raises any error of the job that is not a
+        HandbenchError."""
         try:
             made = future.result()
         except HandbenchError as error:
@@ -324,15 +332,17 @@ class Run:
 
 
 def _require_calibration(*ended: StageOutcome) -> None:
-    """Raise a HandbenchError if a stage of the calibration failed: without it nothing has a
-    reference."""
+    """Raise a HandbenchError if one of these stages of the calibration failed, because without the
+    calibration no capture has a reference."""
     for done in ended:
         if done.failure is not None:
             raise HandbenchError(f"calibration: {done.failure.message}")
 
 
 def _task(stage: Stage, stamp: Stamp, cached: bool, folder: Path) -> Line:
-    """A stage's line of `TASKS`."""
+    """Return one stage's line of the table TASKS, which lists all stages: its names, times, memory
+    and machine.
+    cached: whether the stage had been finished by an earlier run; folder: the stage's own."""
     timing = folder / TIMING
     times = read_json(timing, "a stage's times") if stage.method else {}
     return (

@@ -1,11 +1,11 @@
-"""The stage that scores a capture, its depth maps against its references, and readers of its files:
+"""The stage that scores a capture: it compares the depth maps with the references and writes these
+files, for which this module also has the readers:
 
-errors/       CAPTURE__METHOD__REFERENCE.npz: an `ErrorMap`, as in a result folder
-references/   REFERENCE-GRID.npz: a `Reference` on each of the methods' grids, with the
-              covariance of its registration
-scores.csv    the capture's lines of `SCORES`
-curves.npz    methods [method]; REFERENCE__TREATMENT: `TreatedFigures.curve_mm` of each
-              [method, share]
+errors/       CAPTURE__METHOD__REFERENCE.npz: the signed errors (`ErrorMap`)
+references/   REFERENCE-GRID.npz: the depths of a reference on the pixel grid of the methods, with
+              the covariance of its registration (`Reference`)
+scores.csv    the capture's lines of the table of scores (`SCORES`)
+curves.npz    methods [method]; REFERENCE__TREATMENT [method, share]: their risk–coverage curves, mm
 """
 
 from collections.abc import Iterator, Mapping
@@ -48,11 +48,11 @@ def make(
     references: Mapping[str, tuple[Path, Transform]],
     protocol: str,
 ) -> None:
-    """Score one capture: compare its depth maps with its references, and write the files listed
-    above.
-    maps: method → file of its depth map. references: name → mesh file, and the transform that
-    carries it into the radar frame. protocol: id of the scoring protocol. Raises HandbenchError for
-    a reference that cannot be read."""
+    """Score one capture: compare its depth maps with its references, and write errors, references,
+    scores and risk–coverage curves into a stage's folder.
+    maps: method → file of its depth map. references: name → mesh file, and the transform that moves
+    the mesh into the radar frame. protocol: id of the scoring protocol. Raises HandbenchError for a
+    file that cannot be read."""
     chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
     name, scores = data.about.name, list[Line]()
     on_grid: dict[
@@ -100,19 +100,24 @@ def make(
 
 
 def curve_name(reference: str, treatment: str) -> str:
-    """Return the name of the array in curves.npz with the curves of one reference and treatment."""
+    """Return the name of the array in curves.npz with the risk–coverage curves of all methods
+    against one reference, under one equal treatment."""
     return f"{reference}__{treatment}"
 
 
 def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Iterator[Line]:
-    """Lines of SCORES. about: capture, method, reference and treatment."""
+    """Return the lines of the table of scores (SCORES) for the figures of one frame, one line for
+    each metric.
+    about: capture, method, reference and treatment."""
     return ((*about, frame, metric, value) for metric, value in figures.items())
 
 
 def _on_grid(
     references: Mapping[str, tuple[Path, Transform]], grid: PixelGrid
 ) -> dict[str, Reference]:
-    """Cast every reference onto a pixel grid: name → its depths, in the order of the references."""
+    """Compute the depths of every reference at the pixels of a grid, by casting rays: name →
+    Reference.
+    references: name → mesh file, and the transform that moves the mesh into the radar frame."""
     found = {
         name: reference_of_file(*files, grid, exact=name == "truth")
         for name, files in references.items()
@@ -124,7 +129,8 @@ def _on_grid(
 
 
 def completed_by(reference: Reference, truth: Reference) -> Reference:
-    """Fill the missing surface of a reference from the true one, which has no error."""
+    """Fill the gaps of a measured reference with the true surface, which has no error.
+    Both are given on one pixel grid, on which the result is returned."""
     own = np.isfinite(reference.z_m)
     met = truth.met if reference.met is None or truth.met is None else reference.met | truth.met
     return reference._replace(
@@ -140,9 +146,10 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
 def _further_frames(
     depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
 ) -> Iterator[np.ndarray]:
-    """Yield the scored depths [ny, nx], metres, of every frame after the first.
-    depth: the first frame's map; folder: the imaging stage's folder; chosen: the protocol, which
-    says what is scored."""
+    """Yield, for every frame after the first, the depths [ny, nx], metres, that the protocol
+    scores.
+    depth: depth map of the first frame; folder: of the imaging stage, which has the depths of all
+    frames; data: the capture, whose mask the protocol may use."""
     if (folder / FRAMES).exists():
         for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
             yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
@@ -151,9 +158,10 @@ def _further_frames(
 def read_reference(
     folder: Path, capture: str, method: str, reference: str, transform: Transform
 ) -> Reference:
-    """Read the reference that a method's depth map was compared with, on that map's grid.
-    folder: of the scoring stage. transform: the one that carried the reference to the radar frame;
-    its covariance is taken from the file."""
+    """Read the depths of the reference with which a method's depth map was compared, at the pixels
+    of that map.
+    folder: of the scoring stage. transform: moved the reference to the radar frame; its covariance
+    is replaced by the one that was stored with the depths."""
     grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
@@ -164,8 +172,8 @@ def read_reference(
 
 
 def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:
-    """Write a reference's depths on a pixel grid into a scoring stage's folder. grid: name of the
-    grid, from `grid_name`."""
+    """Write the depths of a reference on a pixel grid into the folder of a scoring stage.
+    name: of the reference; grid: name of the pixel grid, as `grid_name` returns it."""
     known = reference.registration
     uncertain = (
         (np.empty(0), np.empty(0)) if known is None else (reference.leverage, known.covariance)

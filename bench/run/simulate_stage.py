@@ -1,4 +1,4 @@
-"""The stage that simulates a scene: its description → a capture folder."""
+"""The stage that simulates a scene: it turns a scene description into a capture folder."""
 
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,8 @@ CAPTURE = "capture"
 
 
 def simulate(folder: Path, scene: dict[str, Any], base: str, frames: int) -> None:
-    """Simulate a scene into a capture folder, named CAPTURE, in a stage's folder.
-    scene: the content of its file; base: folder where the files that it names are; frames: how
-    many."""
+    """Simulate a scene, and write the capture into the folder CAPTURE inside a stage's folder.
+    scene: content of the scene file; base: folder of the files that the scene names; frames: how
+    many frames are simulated."""
     file = parse(SceneFile, scene, f"scene of {base}")
     simulate_capture(build(file, Path(base)), folder / CAPTURE, frames)

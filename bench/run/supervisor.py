@@ -1,9 +1,9 @@
-"""The parent of a foreign program, run as a script: python -IS supervisor.py PARENT FOLDER
-LIMIT_BYTES COMMAND…
+"""Script that runs a foreign program, which is not part of handbench, and supervises it:
+python -IS supervisor.py PARENT FOLDER LIMIT_BYTES COMMAND…
 
-It ends with handbench, however that ends, and ends all that the program started, also processes
-that left its group. It keeps only the end of the program's output, which it writes to stdout. It
-imports only the standard library.
+It ends when handbench ends, for whatever reason. It kills all processes that the program started,
+also those that left its process group. Of the program's output it writes only the last bytes to
+stdout. It imports only the standard library.
 """
 
 import ctypes
@@ -24,9 +24,10 @@ PDEATHSIG, CHILD_SUBREAPER = 1, 36  # of prctl
 
 
 def supervise(parent: int, folder: str, limit_bytes: int, command: list[str]) -> int:
-    """Run a command until it ends; return its exit code, 128 + n for the signal n.
-    parent: process id of handbench; if that is gone, everything ends and `folder` is deleted.
-    limit_bytes: of the command's addresses, and of each file that it writes; 0: no limit."""
+    """Run a command until it ends, and return its exit code (128 + n if signal n ended it).
+    parent: process id of handbench; if that process is gone, all processes are killed and `folder`
+    is deleted. limit_bytes: limit of the command's address space, and of each file that it writes;
+    0: no limit."""
 
     def give_up(*_: Any) -> None:
         end_children()
@@ -68,8 +69,9 @@ def supervise(parent: int, folder: str, limit_bytes: int, command: list[str]) ->
 
 
 def read_last(output: int, last: bytes, wait_s: float) -> bytes:
-    """Read what a pipe has, waiting at most wait_s seconds for it; return the last LAST_BYTES of
-    `last` and of that."""
+    """Read what a pipe has, waiting at most wait_s seconds for it; return the last 4096 bytes
+    (LAST_BYTES) of all output so far.
+    output: file descriptor of the pipe; last: the end of what was read before."""
     if not select.select([output], [], [], wait_s)[0]:
         return last
     with suppress(BlockingIOError):
@@ -83,7 +85,8 @@ def read_last(output: int, last: bytes, wait_s: float) -> bytes:
 
 
 def end_children() -> None:
-    """Kill all descendants of this process: its children, until none is left."""
+    """Kill all descendants of this process, repeating until none is left or 5 s (END_S) have
+    passed."""
     end_s = time.monotonic() + END_S
     while time.monotonic() < end_s:
         for child in children():
@@ -97,7 +100,7 @@ def end_children() -> None:
 
 
 def children() -> list[int]:
-    """Find the processes whose parent is this one."""
+    """Return the ids of the processes whose parent is this one."""
     found = []
     for name in filter(str.isdigit, os.listdir("/proc")):
         with suppress(OSError), open(f"/proc/{name}/stat", encoding="utf-8", errors="replace") as f:

@@ -1,4 +1,4 @@
-"""The knobs that a trade-off sweeps: the [tradeoff] table of a benchmark file.
+"""The parameters that a trade-off varies: the [tradeoff] table of a benchmark file.
 
 An imaging entry has a method, fixed settings (`config`) and settings with several values (`sweep`):
 
@@ -8,9 +8,9 @@ An imaging entry has a method, fixed settings (`config`) and settings with sever
     sweep = { "z.step_m" = [1e-3, 2e-3] }
     every_nth_antenna = [1, 2]
 
-Each key of `sweep` is a parameter, with dots into tables, and its list holds the values, one
-setting each; several keys multiply. A value may itself be a list (tones_hz = [[…], […]]).
-Parameters that change together share a key, with commas: "x.step_m,y.step_m".
+Each key of `sweep` is a parameter; a dot leads into a table. Its list holds the values to try. With
+several keys, all combinations are tried. A value may itself be a list (tones_hz = [[…], […]]).
+Parameters that change together share a key, separated by commas: "x.step_m,y.step_m".
 """
 
 from collections.abc import Iterable
@@ -44,9 +44,9 @@ DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 @dataclass(frozen=True)
 class ImagingSetting:
-    """One setting of the imaging sweep: a method with its configuration and its share of the
+    """One setting of a trade-off's imaging: a method, its configuration, and the share of the
     antennas.
-    varied: the parameters whose values tell it from others and form its name, as in
+    varied: the parameters that form its name and distinguish it from other settings, as in
     broadband-tolerance-1e-3."""
 
     name: str
@@ -58,10 +58,10 @@ class ImagingSetting:
 
 
 class ImagingEntry(Config):
-    """The settings of one method that are swept: all combinations of the listed values.
-    config: parameters that are the same in all. sweep: parameter → alternative values; a key may
-    name several parameters, separated by commas, that change together. every_nth_antenna:
-    alternatives; n keeps every n-th transmitter and receiver."""
+    """The settings of one method that a trade-off tries: all combinations of the listed values.
+    config: parameters with the same value in all settings. sweep: parameter → values to try; a key
+    may name several parameters, separated by commas, that change together. every_nth_antenna:
+    values n to try; n keeps every n-th transmitter and every n-th receiver."""
 
     method: str
     title: str = ""
@@ -94,10 +94,10 @@ class ImagingEntry(Config):
 
 
 class GroundTruthKnobs(Config):
-    """The parameters of the photographs' reconstruction that are swept.
-    views: number of photographs, evenly chosen; long_px: their longer side after shrinking, pixels
-    (they are never enlarged); quality: of the depth maps, as in `handbench groundtruth
-    --quality`."""
+    """The parameters of photogrammetry that a trade-off varies, each with the values to try.
+    views: number of photographs, evenly chosen; long_px: length of their longer side after
+    shrinking, pixels (they are never enlarged); quality: that of the depth maps, with the values of
+    `handbench groundtruth --quality`."""
 
     views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(
         default=(5, 8), min_length=1, max_length=MOST_VALUES
@@ -111,16 +111,16 @@ class GroundTruthKnobs(Config):
 
 
 class SimulationKnobs(Config):
-    """The parameters of the simulation that are swept, on scenes of parallel cylinders (fingers,
-    palm).
+    """The parameters of the simulation that a trade-off varies, on scenes of parallel cylinders
+    that stand for fingers and palm.
     scenes: names in bench/scenes/finger_scenes.py.
 
-    facets_per_wavelength, mirrors_per_wavelength: how many edges of facets and of mirrors, at
-    least, fit into the shortest wavelength. nodes_apart: spacing of the antennas for which two
-    bounces are traced, relative to other simulations. without: lists of effects that are left out
-    of all scenes; [] leaves out none. tolerance_mm: of automatically chosen effects (`effects =
-    "auto"`). The first value of each parameter is combined with the first of the others, and facets
-    with every entry of `without`.
+    facets_per_wavelength, mirrors_per_wavelength: the shortest wavelength divided by the longest
+    edge of the facets that scatter, and of the mirrors that reflect bounces. nodes_apart: spacing
+    of the antennas for which paths with two bounces are traced, as a multiple of the usual spacing.
+    without: lists of effects to leave out; [] leaves out none. tolerance_mm: the change of depth,
+    mm, that automatic selection of effects (`effects = "auto"`) may cause. Each parameter is varied
+    while the others keep their first value; facets are also combined with every entry of `without`.
     """
 
     scenes: tuple[str, ...] = Field(
@@ -156,9 +156,9 @@ class SimulationKnobs(Config):
 
 
 class RegistrationKnobs(Config):
-    """The parameters of the registration that are swept.
-    captures: how many captures of the target are combined; trials: number of rigs, each with a
-    target drawn within its tolerances."""
+    """The parameters of the registration of camera and radar that a trade-off varies.
+    captures: how many captures of the target are combined; trials: number of simulated rigs, each
+    with a target whose dimensions are drawn within its tolerances."""
 
     captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
         default=(1, 2, 4), min_length=1, max_length=MOST_VALUES
@@ -167,11 +167,11 @@ class RegistrationKnobs(Config):
 
 
 class TradeoffSweep(Config):
-    """The table [tradeoff] of a benchmark file: which stages are swept, and over which parameters.
-    repeats: timed rounds, in turns over all settings; step_s: the sensor's time for one tone of all
-    antennas, from which acquisition times follow; reference: the imaging setting to which ratios of
-    times refer (none: the first); exact_planes: number of planes of the volume that are summed
-    exactly and scaled to all."""
+    """The table [tradeoff] of a benchmark file: which stages are varied, and over which parameters.
+    repeats: how often each setting is timed, in rounds over all settings. step_s: the sensor's time
+    to measure one tone with all antennas, from which acquisition times follow. reference: the
+    imaging setting whose time is 1 in ratios of times (None: the first). exact_planes: number of
+    planes of a volume that are summed exactly; their time is scaled to the whole volume."""
 
     repeats: int = Field(default=3, ge=1, le=100)
     step_s: float = Field(default=1e-3, ge=0)
@@ -185,8 +185,9 @@ class TradeoffSweep(Config):
 
 
 def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
-    """Return the sweep with missing parts filled in: without imaging entries it gets those of the
-    default sweep, and their reference. None: the default sweep."""
+    """Return the [tradeoff] table with its missing parts filled in from the default one.
+    Without imaging entries it gets those of the default table, and their reference setting. None:
+    the whole default table."""
     if sweep is None:
         return default()
     if sweep.imaging:
@@ -198,18 +199,18 @@ def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
 
 @cache
 def default() -> TradeoffSweep:
-    """Return the sweep of benchmarks that declare none."""
+    """Return the [tradeoff] table that is used for benchmarks without one."""
     return load(TradeoffSweep, DEFAULT, "a sweep")
 
 
 def imaging_settings(
     sweep: TradeoffSweep, known: dict[str, dict[str, Any]]
 ) -> list[ImagingSetting]:
-    """List all settings of the imaging sweep, each with its checked configuration and a name of its
-    own.
-    known: method → settings of the benchmark's own entry, which apply unless the sweep overrides
-    them. Raises HandbenchError for a setting that the method does not have, or that is listed
-    twice."""
+    """List all imaging settings of a trade-off, each with its checked configuration and a unique
+    name.
+    known: method → settings of the benchmark's own entry; they apply unless the trade-off overrides
+    them. Raises HandbenchError for a parameter that the method does not have, or for a setting that
+    is listed twice."""
     settings: list[ImagingSetting] = []
     for setting in (
         s for entry in sweep.imaging for s in _of_entry(entry, known.get(entry.method, {}))
@@ -236,8 +237,8 @@ def imaging_settings(
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:
-    """Return the benchmark's own configuration of each method: method id → parameters that it
-    sets."""
+    """Collect the settings that the benchmark gives each method: method id → settings.
+    entries: the benchmark's methods, each with `id` and `config`."""
     return {entry.id: entry.config for entry in entries}
 
 
@@ -274,10 +275,10 @@ def _checked(name: str) -> str:
 
 
 def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]) -> dict[str, Any]:
-    """Return the configuration with one parameter changed.
-    key: the parameter, with dots into tables, as z.step_m. The table around it is taken whole from
-    `resolved`, the configuration with all values. Raises HandbenchError if the key leads into no
-    table."""
+    """Return a copy of a method's configuration with one parameter changed.
+    key: the parameter; a dot leads into a table, as in z.step_m. resolved: the configuration with
+    all values, from which the rest of that table is copied. Raises HandbenchError if the key leads
+    into something that is not a table."""
     first, *inner = key.split(".")
     if not inner:
         return {**config, key: value}
@@ -297,8 +298,8 @@ def _words(knob: tuple[str, Any]) -> str:
 
 
 def _abbreviated(keys: str, value: Any) -> tuple[str, str]:
-    """Shorten a parameter and its value for names, as ("z.step", "2mm"); several that change
-    together become one, as xyz.step."""
+    """Shorten a parameter and its value for use in names: "z.step_m", 2e-3 → ("z.step", "2mm").
+    Several parameters that change together become one word, such as xyz.step."""
     names = [key.strip() for key in keys.split(",")]
     leaf = names[0].rpartition(".")[2]
     together = len(names) > 1 and all(name.endswith(f".{leaf}") for name in names)

@@ -1,4 +1,5 @@
-"""The result folder of a run: the captures' scores, the table made of them, and all maps."""
+"""Write the result folder of a run: the scores of the captures, the table made of them, and all
+maps."""
 
 import shutil
 from dataclasses import replace
@@ -64,10 +65,10 @@ PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
-    """Score all captures and methods of the table, and write the result folder.
+    """Collect the scores of all captures and methods of the table, and write the result folder.
     Earlier results are replaced only when the new ones are complete; result.json, which marks the
-    folder as complete, is written last. config: the text of config.toml. Raises HandbenchError if
-    every capture failed."""
+    folder as complete, is written last. config: text of config.toml. Raises HandbenchError if every
+    capture failed."""
     on = common_subset(outcome)
     if outcome.failures:
         say(f"the table is made of {on.text}")
@@ -110,10 +111,10 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
-    """Collect the table SCORES of the captures and methods that the result contains.
-    It has each capture's figures, from its scoring stage; for the precision, each repeat's depth of
-    the strongest scatterer and each capture's median deviation of a pixel; and the time of each
-    image."""
+    """Collect the table of scores (SCORES) of the captures and methods that the result contains.
+    Its lines are the figures of each capture, from its scoring stage; the time of each image; and
+    for the precision, the depth of the strongest scatterer in each repeated frame, and the median
+    over the pixels of their standard deviations."""
     methods, repeated = (
         [entry.id for entry in on.methods],
         [capture.name for capture in on.repeated],
@@ -140,8 +141,9 @@ def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
 
 
 def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.DataFrame:
-    """Make the result's main table, TABLE: each method's figures with intervals, against one
-    reference after the other. scores: from `scores`."""
+    """Make the main table of the result: the figures of each method with confidence intervals, for
+    one reference after the other.
+    scores: the table of scores, as the function `scores` returns it."""
     rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
     values: dict[Any, pd.DataFrame] = {
@@ -182,8 +184,9 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
 def _over_frames(
     values: dict[Any, pd.DataFrame], method: str, reference: str
 ) -> list[dict[str, Any]]:
-    """Return for each capture its `over_frames`: how its error varies over the frames. values:
-    (method, metric) → lines of SCORES."""
+    """Return for each capture how the error of a method varies over the frames: metric → value.
+    values: (method, metric) → lines of the table of scores, which has one for each capture and
+    frame."""
     lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
@@ -195,9 +198,10 @@ def _over_frames(
 def mean_curves(
     outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
 ) -> list[tuple[Any, ...]]:
-    """Make the lines of the table CURVES: the risk–coverage curve of each method, averaged over
-    captures, up to the share of the surface that the method reaches in all of them.
-    treated: treatment → methods with figures under it, from `equal_treatment_scores`."""
+    """Make the lines of the table of risk–coverage curves (CURVES): the curve of each method,
+    averaged over the captures.
+    A curve ends at the share of the surface that the method reaches in every capture. treated:
+    treatment → method → figures, for the methods that are compared under equal treatment."""
     lines: list[tuple[Any, ...]] = []
     for treatment, methods in treated.items():
         key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
@@ -214,7 +218,8 @@ def mean_curves(
 
 
 def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:
-    """Facts of the captures in the table."""
+    """Return the facts of the result's captures that result.json records, such as pose and
+    distance."""
     return tuple(
         CaptureFacts(
             name=capture.name,
@@ -236,8 +241,8 @@ def about(
 ) -> About:
     """Make the content of result.json: protocol, inputs, machine, captures, methods, facts,
     failures.
-    captures: from `capture_facts`. treated: treatment → figures of the methods under it, from
-    `equal_treatment_scores`."""
+    captures: facts of the captures. treated: treatment → method → figures, for the methods that are
+    compared under equal treatment."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(
@@ -282,8 +287,9 @@ def about(
 
 
 def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Compute the variance components of the metrics that are compared under equal treatment:
-    "metric, treatment" → components. Those with too few captures are left out."""
+    """Estimate how much of each metric's variance comes from captures and from methods, under equal
+    treatment: "metric, treatment" → standard deviation of each component.
+    Metrics with too few captures are left out. treated: treatment → method → figures."""
     found = {
         f"{metric}, {treatment}": variance_facts(
             {method: of[metric].to_numpy() for method, of in methods.items()}
@@ -295,7 +301,7 @@ def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
 
 
 def _machines(outcome: Outcome) -> dict[str, Any]:
-    """Facts of this machine and of all others that did some of the work."""
+    """Return facts of this machine and of all others that did some of the work."""
     here = calibrated_machine()
     others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

@@ -1,1 +1,1 @@
-"""Scenes: the parametric hand, the stand, photographs and echoes."""
+"""Simulated scenes: parametric hands and other targets, the stand, photographs and echoes."""

@@ -1,5 +1,5 @@
-"""Bodies in view of the cameras: target, printed plate and block with their reflectances, in the
-photo frame."""
+"""The surfaces that the cameras see, with their reflectances, in the photo frame: target, printed
+back plate, and the block under the forearm."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,9 +24,12 @@ GRID_M = 5e-3  # spacing of the light baked on plate and block
 
 @dataclass(frozen=True)
 class PhotoBody:
-    """A surface that the cameras see, in the photo frame. vertices_m [n, 3]; faces [m, 3]; normals
-    [n, 3]: outward unit vectors; albedo: function from points [n, 3] to reflectances [n, 3]; skin:
-    whether it is skin, which may shine; board: whether it carries the board's markers."""
+    """A surface that the cameras see, in the photo frame.
+
+    vertices_m [n, 3]; faces [m, 3]: triangles of vertex indices; normals [n, 3]: outward unit
+    vectors. albedo: function from points [n, 3] to reflectances [n, 3] (red, green, blue). skin:
+    True for skin, which may have highlights. board: True if the board's markers are printed on it.
+    """
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -66,14 +69,14 @@ def bodies(scene: Scene) -> list[PhotoBody]:
 
 
 def texture_seed(scene: Scene) -> int:
-    """Return the seed of the scene's textures. Each texture adds a small number to it, so that the
-    seeds of neighbouring scenes are 1000 apart."""
+    """Return the first seed of the scene's textures. Each texture adds its own small number to it,
+    and neighbouring scenes differ by 1000, so that no two textures share a seed."""
     return 1000 * (scene.file.seed + 1)
 
 
 def _target_texture(scene: Scene) -> Albedo:
-    """Return the target's reflectance as a function of points [n, 3] in the target's frame: skin,
-    or foam for the calibration target."""
+    """Return the target's reflectance as a function of points [n, 3] in the target's frame: foam
+    for the calibration target, skin for any other target."""
     assert scene.file.photos is not None  # bodies are for photographs
     target, contrast, seed = (
         scene.file.target,
@@ -95,8 +98,11 @@ def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: boo
 
 def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
     """Return the back plate's reflectance as a function of points [n, 3] in the photo frame: the
-    print on its front, elsewhere the foam `plain`. pixel_m: size of a camera's pixel on the plate,
-    which blurs the print."""
+    print on its front, the foam `plain` elsewhere.
+
+    seed: of the print. pixel_m: size of a camera's pixel on the plate, by which the print is
+    blurred.
+    """
     import cv2
 
     printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)

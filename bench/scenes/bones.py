@@ -1,9 +1,10 @@
-"""The hand's bones: positions on the palm, radii of the flesh, forward kinematics; and a person's
-pose of a letter: joint angles at which the digits touch where the mean hand's do, and nowhere else.
+"""Bones of the parametric hand: their positions by forward kinematics, and the radii of the flesh
+around them. Also a person's joint angles for a pose, which make the digits touch where those of the
+mean hand do, and nowhere else.
 
-Palm frame of a right hand: origin at the palm's centre, +y from the wrist to the fingertips, the
-palm faces -z, so that the thumb is on the -x side. The hand frame has the same origin; the pose's
-turn carries palm into hand coordinates (without a turn both are one). Metres.
+The palm frame of a right hand has its origin at the palm's centre, y from the wrist to the
+fingertips, and the thumb on the −x side; the palm faces −z. The hand frame has the same origin, and
+a pose may turn the whole hand in it; without a turn, both frames are equal. Metres.
 """
 
 import itertools
@@ -48,8 +49,11 @@ AS_NEAR_M = 1e-9
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone of the hand. start_m [3]: its proximal joint; axis: unit vector along it, outwards;
-    palmar: unit vector across it to the palm's side, towards which it bends."""
+    """A bone of the hand.
+
+    start_m [3]: its proximal joint. axis [3]: unit vector along the bone, towards the fingertip.
+    palmar [3]: unit vector across the bone, to the side towards which the digit bends.
+    """
 
     start_m: np.ndarray
     axis: np.ndarray
@@ -58,39 +62,42 @@ class Bone:
 
     @property
     def end_m(self) -> np.ndarray:
-        """The distal joint, or the bone's tip [3]."""
+        """The distal joint [3], or the tip of the last bone, metres."""
         return self.start_m + self.length_m * self.axis
 
     def at(self, along_m: float, palmar_m: float = 0.0, lateral_m: float = 0.0) -> np.ndarray:
-        """Return a point [3] of the bone's surroundings: along_m from the proximal joint along its
-        axis, then palmar_m towards the palm and lateral_m to the side."""
+        """Return a point [3] given in the bone's own coordinates: along_m from the proximal joint
+        along the axis, palmar_m towards the palm's side, and lateral_m to the side."""
         lateral = np.cross(self.axis, self.palmar)
         return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
 
     def child(self, flexion_deg: float, length_m: float) -> "Bone":
-        """Return the next bone outwards: it starts at this bone's end and is bent by flexion_deg
-        towards the palm."""
+        """Return the next bone towards the fingertip. It starts at the end of this bone and is bent
+        by flexion_deg towards the palm."""
         c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
         return Bone(
             self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m
         )
 
     def turned(self, rotation: np.ndarray) -> "Bone":
-        """The bone after a rotation [3, 3] about the origin."""
+        """Return the bone after a rotation [3, 3] about the origin."""
         return Bone(
             rotation @ self.start_m, rotation @ self.axis, rotation @ self.palmar, self.length_m
         )
 
 
 def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
-    """Return the radii in metres of a digit's flesh: at the base of the proximal phalanx, at each
-    joint outwards, and at the tip. name: "thumb" or a finger, such as "index"."""
+    """Return the radii of a digit's flesh, metres: at the base of its first phalanx, at each joint
+    towards the tip, and at the tip.
+
+    name: "thumb", "index", "middle", "ring" or "little". person: whose hand it is.
+    """
     return np.array(RADII_MM[name]) * person.girth[name] * 1e-3
 
 
 def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
-    """Return the bones of each digit in the hand frame, by the digit's name: metacarpal first, then
-    the phalanges outwards."""
+    """Return the bones of each digit in the hand frame, by the digit's name ("thumb", "index", …).
+    Each tuple has the metacarpal first, then the phalanges towards the tip."""
     turn = hand_from_palm(pose)
     return {
         name: tuple(bone.turned(turn) for bone in digit)
@@ -99,23 +106,28 @@ def skeleton(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
 
 
 def skeleton_of_palm(pose: Pose, person: Person = MEAN) -> dict[str, tuple[Bone, ...]]:
-    """Return the bones of each digit in the palm frame (without the pose's turn of the whole hand),
-    by the digit's name: metacarpal first, then the phalanges outwards."""
+    """Return the bones of each digit in the palm frame, without the pose's turn of the whole hand,
+    by the digit's name ("thumb", "index", …). Each tuple has the metacarpal first, then the
+    phalanges towards the tip."""
     fingers = {name: _finger(name, getattr(pose, name), person) for name in FINGERS}
     return {"thumb": _thumb(pose.thumb, person)} | fingers
 
 
 def hand_from_palm(pose: Pose) -> np.ndarray:
-    """The rotation [3, 3] that carries points of the palm frame into the hand frame."""
+    """Return the rotation [3, 3] from the palm frame to the hand frame: the pose's turn of the
+    whole hand."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_euler("xyz", pose.turn_deg, degrees=True).as_matrix()
 
 
 def forearm_from_palm(wrist: WristPose) -> np.ndarray:
-    """Return the rotation [3, 3] that bends the forearm at the wrist, in (radial, distal, palmar)
-    coordinates. The hand stays and the forearm moves: a flexed wrist brings it to the palm's
-    side."""
+    """Return the rotation [3, 3] of the forearm about the wrist, in the coordinates (radial,
+    distal, palmar).
+
+    A bent wrist moves the forearm and not the hand: a flexed one brings the forearm to the palm's
+    side.
+    """
     flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
     c, s = np.cos(deviation), np.sin(deviation)
     deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
@@ -125,15 +137,18 @@ def forearm_from_palm(wrist: WristPose) -> np.ndarray:
 
 
 def forearm_direction(pose: Pose) -> np.ndarray:
-    """Unit vector [3] from the wrist along the forearm, in the hand frame."""
+    """Return the unit vector [3] from the wrist along the forearm, in the hand frame."""
     return -hand_from_palm(pose) @ HAND_AXES @ forearm_from_palm(pose.wrist)[:, 1]
 
 
 def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
-    """Return the mask [n] of the skin's points [n, 3] (hand frame) that are on the palm's side of
-    the nearest bone (of two at the same distance, the inner one), without the wrist. The palm's
-    side of every metacarpal is that of the middle finger's, so that the ball of the thumb belongs
-    to the palm."""
+    """Return the mask [n] of the points [n, 3] of the skin (hand frame) that are on the palm's side
+    of the hand, without the wrist.
+
+    A point is on the palm's side if it is there relative to the nearest bone (of two equally near
+    bones, the inner one). For all metacarpals, the middle finger's palm side counts, so that the
+    ball of the thumb belongs to the palm.
+    """
     nearest_m = np.full(len(points_m), np.inf)
     on_palm = np.zeros(len(points_m), bool)
     bones = skeleton(pose, person)
@@ -208,8 +223,9 @@ Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
 @cache
 def person_pose(pose: Pose, number: int) -> Pose:
-    """Return the pose with joint angles fitted to the hand of the person `number`: its digits touch
-    where those of the mean hand do, and nowhere else. 0 is the mean hand, whose pose stays."""
+    """Return the pose with joint angles fitted to the hand of the person `number`, so that the
+    person's digits touch where those of the mean hand do, and nowhere else. Number 0 is the mean
+    hand, whose pose is returned unchanged."""
     if number == 0:
         return pose
     from scipy.optimize import least_squares
@@ -240,8 +256,8 @@ def person_pose(pose: Pose, number: int) -> Pose:
 
 
 def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
-    """Return the smallest and the largest allowed value in degrees of a joint angle, by the names
-    of digit and angle."""
+    """Return the smallest and the largest value that is allowed for a joint angle, degrees. digit,
+    angle: names such as "index" and "mcp_deg"."""
     bounds = type(getattr(pose, digit)).model_fields[angle].metadata
     return next(b.ge for b in bounds if hasattr(b, "ge")), next(
         b.le for b in bounds if hasattr(b, "le")
@@ -249,7 +265,8 @@ def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
 
 
 def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
-    """Return the pose with other joint angles [n] in degrees, all digits in the order of ANGLES."""
+    """Return the pose with its joint angles replaced by angles_deg [n], which lists the angles of
+    all digits (in the order of ANGLES: index to little finger, then thumb)."""
     values = iter(map(float, angles_deg))
     digits = {
         digit: getattr(pose, digit).model_copy(update={angle: next(values) for angle in names})
@@ -259,9 +276,12 @@ def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
 
 
 def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
-    """Return the distances [n] in metres between the flesh of parts of the hand, negative where
-    they overlap: thumb and each finger, thumb and palm, neighbouring fingers (beyond their webs),
-    and each finger and palm. of: the person."""
+    """Return the distances [n] in metres between the flesh of pairs of parts of a person's hand,
+    negative if they overlap.
+
+    The pairs are: the thumb and each finger, thumb and palm, neighbouring fingers (beyond the skin
+    that joins them), and each finger and the palm.
+    """
     bones = skeleton_of_palm(pose, of)
     radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
     flesh = {

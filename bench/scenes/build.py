@@ -38,12 +38,15 @@ STANDS = -0.8
 
 @dataclass(frozen=True)
 class Scene:
-    """A scene with its true geometry. target_mesh: the target's surface in the radar frame; target:
-    the calibration target's description (None for other targets); cameras: empty without
-    photographs; folder: where the files are that the scene names. box_m [2, 3]: lower and upper
-    corner, in the photo frame, of the box to which the target is cropped, without plate and block;
-    block_m [2, 3]: the block under the forearm in the photo frame (None: there is none, as for a
-    raised forearm)."""
+    """A scene with its true geometry.
+
+    target_mesh: the target's surface in the radar frame. target: description of the calibration
+    target (None for other targets). cameras: empty if no photographs are taken. box_m [2, 3]: lower
+    and upper corner, in the photo frame, of the box to which reconstructions are cropped; it
+    contains the target without plate and block. block_m [2, 3]: corners of the block under a hand's
+    forearm in the photo frame (None: no block; there is one only if the forearm points down).
+    folder: folder of the files that the scene file refers to.
+    """
 
     file: SceneFile
     target_mesh: TriangleMesh  # radar frame
@@ -58,21 +61,25 @@ class Scene:
 
     @property
     def balls_m(self) -> np.ndarray:
-        """Centres [n, 3] of the calibration target's balls in the radar frame; empty for other
-        targets."""
+        """Centres [n, 3] of the calibration target's steel balls in the radar frame, metres; empty
+        for other targets."""
         if self.target is None:
             return np.empty((0, 3))
         return self.radar_from_target.points(self.target.centres_m + self.target.ball_offsets_m)
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read a scene file and build the scene; other files that it names are in the same folder."""
+    """Read a scene file and build its scene. Other files that it refers to must be in the same
+    folder."""
     return build(load(SceneFile, path, "a scene description"), Path(path).parent)
 
 
 def build(file: SceneFile, folder: str | Path = ".") -> Scene:
-    """Build the scene of a parsed scene file. folder: where the files are that it names. Raises
-    HandbenchError if the target reaches behind the array's plane, or too near to the back plate."""
+    """Build the scene of a parsed scene file.
+
+    folder: of the files that the scene file refers to. Raises HandbenchError if the target reaches
+    behind the plane of the antennas, or too close to the back plate.
+    """
     target = None
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
@@ -133,8 +140,8 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
 
 
 def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
-    """Return the paths of the files and folders that a scene file names in `folder`; their content
-    is part of the scene. Raises HandbenchError for one that is missing."""
+    """Return the paths of the files and folders in `folder` that a scene file refers to; their
+    content is part of the scene. Raises HandbenchError if one of them is missing."""
     folder = Path(folder)
     names = [getattr(file.target, key, None) for key in ("file", "path")]
     names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
@@ -169,7 +176,7 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
 
 
 def spheres(target: Target) -> TriangleMesh:
-    """Return the surfaces of the calibration target's foam spheres as one mesh in the target's
+    """Return the surfaces of all foam spheres of a calibration target as one mesh in the target's
     frame, accurate to 0.01 mm."""
     whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
     for element in target.element:
@@ -180,8 +187,9 @@ def spheres(target: Target) -> TriangleMesh:
 
 
 def _block(target_m: np.ndarray) -> np.ndarray:
-    """Return the lower and upper corner [2, 3] of a block under the forearm, in the photo frame;
-    the forearm reaches 12 mm into it. target_m [n, 3]: the hand's vertices."""
+    """Return the lower and upper corner [2, 3], in the photo frame, of a block on which the forearm
+    rests, with the last 12 mm of the forearm inside. target_m [n, 3]: vertices of hand and forearm
+    in the photo frame."""
     lowest_m = target_m[:, 1].min()
     x, z = target_m[target_m[:, 1] < lowest_m + 0.02][:, [0, 2]].mean(axis=0)
     top = lowest_m + FOREARM_IN_BLOCK_M

@@ -1,5 +1,5 @@
-"""The radar half of a scene: bodies, balls and causes for `radar.effects`, and the resulting
-echoes."""
+"""Echoes of a scene: its conversion to the input of the radar simulation, the selection of effects,
+and the simulation."""
 
 import numpy as np
 
@@ -21,9 +21,12 @@ ROOM_STEP_M = 5e-3
 
 
 def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
-    """Simulate the echoes of a scene with the effects that its file asks for. Frames differ only in
-    what is random over time, such as noise. radar_scene: the result of `echo_scene`, to save its
-    computation. Raises HandbenchError for a scene that would take too long."""
+    """Simulate the echoes of a scene with the effects that its file asks for.
+
+    frames: number of repeated measurements, which differ only in what is random over time, such as
+    noise. radar_scene: an earlier result of `echo_scene` for this scene (None: computed here).
+    Raises HandbenchError if the simulation would take too long.
+    """
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
     chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
     on = {row.effect for row in chosen if row.on}
@@ -38,15 +41,15 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
 def choices(
     scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """Return one row per effect of the scene: whether it is on, and why. explain: add to each row
-    the size of the effect, by coarse simulations with and without it."""
+    """Return one row for each effect of the scene: whether it is simulated, and why. explain: add
+    the size of the effect to each row, from coarse simulations with and without it."""
     file = scene.file
     return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
 
 
 def echo_scene(scene: Scene) -> EchoScene:
-    """Convert a scene to the input of the radar simulation: target, balls, room, tones in ascending
-    order with the time of each, and the causes of effects."""
+    """Convert a scene to the input of the radar simulation: array, target, balls, room, the causes
+    of effects, and the tones, in ascending order with the time at which each is measured."""
     measured_hz = scene.file.sensor.frequencies_hz
     frequencies_hz, first = np.unique(measured_hz, return_index=True)
     return EchoScene(
@@ -64,8 +67,8 @@ def echo_scene(scene: Scene) -> EchoScene:
 
 
 def _target(scene: Scene) -> Body | None:
-    """Return the target as a body with its material, in the radar frame; None for a calibration
-    target, whose foam spheres are part of its balls."""
+    """Return the target as a body of the radar simulation, with its material, in the radar frame.
+    None for a calibration target, whose spheres are simulated with its balls."""
     target = scene.file.target
     if isinstance(target, CalibrationTarget):
         return None
@@ -89,8 +92,8 @@ def _balls(scene: Scene) -> tuple[Ball, ...]:
 
 
 def _room(scene: Scene) -> tuple[Body, ...]:
-    """Return the back plate and the block, if there is one, as bodies in the radar frame; none if
-    absorber covers them (no reflectivity_db)."""
+    """Return the back plate and, if there is one, the block under the forearm as bodies in the
+    radar frame; empty if absorber covers them (the scene file has no stand.reflectivity_db)."""
     reflectivity_db = scene.file.stand.reflectivity_db
     if reflectivity_db is None:
         return ()
@@ -103,8 +106,8 @@ def _room(scene: Scene) -> tuple[Body, ...]:
 
 
 def antenna_array(scene: Scene) -> AntennaArray:
-    """Return the scene's antenna array: the built-in one, or that of a folder next to the scene
-    file, with tx_m.csv and rx_m.csv."""
+    """Return the scene's antenna array: the built-in one, or that in a folder next to the scene
+    file (tx_m.csv and rx_m.csv)."""
     if scene.file.sensor.array == BUILT_IN_ARRAY:
         return qar50()
     folder = inside(

@@ -1,5 +1,6 @@
-"""Simple scenes: fingers and a palm as parallel cylinders, and spheres, of metal, skin or plastic.
-For these, Maxwell's equations have exact solutions; tests compare simulations with them."""
+"""Simple scenes for which Maxwell's equations have exact solutions: parallel cylinders (fingers
+before a palm) and spheres, of metal, skin or plastic. Tests compare simulated echoes with these
+solutions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,15 +25,15 @@ MATERIALS = {
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder, such as a finger, along the radar's y axis; its own axis goes through (x_m,
-    z_m)."""
+    """A cylinder, such as a finger, in the radar frame. Its axis is parallel to y and goes through
+    (x_m, z_m)."""
 
     x_m: float
     z_m: float
     radius_m: float
 
     def mesh(self) -> TriangleMesh:
-        """Mesh of the cylinder, with closed ends."""
+        """Make the mesh of the cylinder, with closed ends, in the radar frame."""
         around = int(np.ceil(2 * np.pi * self.radius_m / AROUND_M))
         along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
         made = cylinder_mesh(self.radius_m, 2 * HALF_LENGTH_M, around, along)
@@ -41,15 +42,15 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class CoatedSphere:
-    """A sphere in the radar frame. radius_m: outer radius; coat_m: thickness of its outer layer,
-    which has another dielectric than the core (0: no layer)."""
+    """A sphere in the radar frame. radius_m: outer radius. coat_m: thickness of an outer layer with
+    another permittivity than the core (0: no layer)."""
 
     centre_m: tuple[float, float, float]
     radius_m: float
     coat_m: float = 0.0
 
     def mesh(self) -> TriangleMesh:
-        """Mesh of the sphere."""
+        """Make the mesh of the sphere's outer surface, in the radar frame."""
         return sphere_mesh(self.radius_m, AROUND_M / 2).translate(self.centre_m)
 
 
@@ -61,8 +62,8 @@ def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
 
 
 def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """Return a finger at x_m and a palm behind it, as cylinders; the finger's axis is 34 mm in
-    front of the palm's front."""
+    """Return two cylinders: a finger at x_m, and a palm at x = 0 behind it. The finger's axis is 34
+    mm in front of the palm's surface."""
     return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
 
 
@@ -89,8 +90,8 @@ NAMED = {  # "SCENE, MATERIAL": both
 
 
 def body(shapes: Sequence[Shape], material: str) -> Body:
-    """Return cylinders (with closed ends) and spheres as one body of the simulation. material: a
-    name of MATERIALS; for "palm", all of it has the palm's thick horny layer."""
+    """Join cylinders (with closed ends) and spheres to one body of the radar simulation. material:
+    a key of MATERIALS; for "palm", the whole body has the thick horny layer of a palm."""
     made = load_open3d().geometry.TriangleMesh()
     for shape in shapes:
         made += shape.mesh()

@@ -1,4 +1,5 @@
-"""A parametric hand: skin as the zero set of round cones over a posed skeleton, smoothly joined."""
+"""The skin of the parametric hand: the zero set of a signed distance that joins round cones over
+the posed bones smoothly."""
 
 import itertools
 from functools import lru_cache, reduce
@@ -40,9 +41,12 @@ WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}
 
 
 def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
-    """Return the mesh of a right hand's skin in the hand frame, in metres: closed, in one piece,
-    with outward normals and edges of about edge_m. The origin is the palm's centre; unless the pose
-    turns the hand, +y points towards the fingertips and the palm faces −z."""
+    """Make the mesh of a right hand's skin in the hand frame, metres: closed, in one piece, with
+    outward normals and edges of about edge_m.
+
+    The origin is the palm's centre. Unless the pose turns the hand, +y points towards the
+    fingertips and the palm faces −z. person: whose hand it is.
+    """
     vertices_m, faces = _skin(pose, edge_m, person)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
@@ -51,13 +55,14 @@ def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> Triang
 
 @lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
 def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices [n, 3] of a hand's skin in the palm frame, and its triangles [m, 3]. Both
-    are shared by later calls and must not be changed."""
+    """Compute a hand's skin in the palm frame: vertices [n, 3] and triangles [m, 3]. The arrays are
+    cached and returned again by later calls, so they must not be changed."""
     return zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
 
 
 def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner [3] of a box around the hand in the palm frame."""
+    """Return the lower and upper corner [3] of a box around the hand and forearm in the palm frame,
+    metres."""
     digits = skeleton_of_palm(pose, person).values()
     joints_m = np.array([p for digit in digits for b in digit for p in (b.start_m, b.end_m)])
     corners_mm = itertools.product(
@@ -72,8 +77,8 @@ def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:
 
 
 def palm_field(pose: Pose, person: Person) -> Field:
-    """Return the function of the signed distance to the posed hand's skin: points [n, 3] in the
-    palm frame to metres [n], negative inside. The sign is exact, the distance approximate."""
+    """Return the signed distance to the skin of a posed hand, as a function from points [n, 3] in
+    the palm frame to metres [n], negative inside. The sign is exact, the distance approximate."""
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
     digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
@@ -94,8 +99,9 @@ def palm_field(pose: Pose, person: Person) -> Field:
 
 
 def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
-    """Return where a point of the mean hand's straight forearm is on this person's forearm with a
-    bent wrist. Both are (radial, distal, palmar) in millimetres."""
+    """Return where a point of the mean hand's straight forearm is after scaling to this person and
+    bending the wrist. point_mm and the result [3] are (radial, distal, palmar) coordinates in
+    millimetres."""
     wrist_mm = WRIST_MM * np.array(person.palm)
     return forearm_from_palm(wrist) @ (np.asarray(point_mm) * person.palm - wrist_mm) + wrist_mm
 
@@ -103,9 +109,12 @@ def _bent(wrist: WristPose, point_mm: ArrayLike, person: Person) -> np.ndarray:
 def _web_blend_m(
     points: np.ndarray, knuckle_m: np.ndarray, near_mm: float, far_mm: float, scale: float
 ) -> np.ndarray:
-    """Return the width in metres [n] over which a digit blends into its neighbours at points [n,
-    3]: wide (a web) up to near_mm from its knuckle, narrow (mere contact) beyond far_mm. scale: the
-    person's factor on widths."""
+    """Return the width in metres [n] of the smooth transition between a digit and its neighbours at
+    points [n, 3].
+
+    It is wide (the web of skin between digits) up to near_mm from the knuckle at knuckle_m [3], and
+    narrow (mere contact) beyond far_mm. scale: the person's factor on widths.
+    """
     distance_mm = 1e3 * np.linalg.norm(points - knuckle_m, axis=1) / scale
     t = np.clip((distance_mm - near_mm) / (far_mm - near_mm), 0, 1)
     fade = 1 - t**3 * (t * (6 * t - 15) + 10)
@@ -113,9 +122,11 @@ def _web_blend_m(
 
 
 def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
-    """Return the signed-distance function of a digit. Neighbouring phalanges are smoothly joined;
-    others, such as a curled tip against its base, only touch. radii_m: of the flesh at base, joints
-    and tip."""
+    """Return the signed distance to a digit, as a function of points.
+
+    Neighbouring phalanges are joined smoothly; others, such as a curled tip and its base, merely
+    touch. radii_m: of the flesh at the base, at each joint, and at the tip.
+    """
     parts = [
         _phalanx(b, r, s) for b, r, s in zip(phalanges[:-1], radii_m, radii_m[1:], strict=False)
     ]
@@ -132,8 +143,8 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 
 
 def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
-    """Return the signed-distance function of a phalanx: narrower between its joints, with a pad on
-    the palm's side. base_m, end_m: radii at both joints."""
+    """Return the signed distance to one phalanx, as a function of points. The phalanx is narrower
+    between its joints and has a pad on the palm's side. base_m, end_m: radii at the two joints."""
     length = bone.length_m
     waist = 0.97 * (base_m + end_m) / 2
     return smooth_union(
@@ -149,8 +160,8 @@ def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
 
 
 def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
-    """Return the signed-distance function of the end phalanx: flat towards the nail, with a full
-    pulp. joint_m, tip_m: radii at its joint and its tip."""
+    """Return the signed distance to the last phalanx, as a function of points. The phalanx is flat
+    on the nail's side and full on the other. joint_m, tip_m: radii at its joint and at its tip."""
     reach = bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m
     return smooth_union(
         [
@@ -167,15 +178,16 @@ def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
 
 
 def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) -> Field:
-    """Return the signed-distance function of the palm: metacarpals, the pads at the fingers' roots,
-    the balls of thumb and little finger, wrist and forearm."""
+    """Return the signed distance to palm and forearm, as a function of points: metacarpals, the
+    pads at the roots of the fingers, the balls of thumb and little finger, wrist and forearm."""
     knuckles = [1e3 * bones[name][1].start_m @ HAND_AXES for name in FINGERS]
     thick = person.palm[2]
 
     def cone(
         start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float
     ) -> Field:
-        """A round cone from (radial, distal, palmar) coordinates in millimetres."""
+        """Return a round cone between two points in (radial, distal, palmar) coordinates,
+        millimetres; the radii are multiplied by the person's thickness."""
         start_m, end_m = (
             1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm)
         )
@@ -223,8 +235,9 @@ def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
 
 
 def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]:
-    """Return the signed-distance functions that make up the ball of the thumb: its metacarpal, its
-    muscles, and the skin between thumb and index finger. thick: the person's factor on radii."""
+    """Return the signed distances to the parts of the ball of the thumb: the thumb's metacarpal,
+    the muscles, and the skin between thumb and index finger. thick: the person's factor on
+    radii."""
     length = thumb.length_m
     muscle, inner, web = (
         thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3))

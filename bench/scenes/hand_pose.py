@@ -1,7 +1,7 @@
 """Hand poses as joint angles, and the 24 static letters of the American manual alphabet (all but J
-and Z), from letters.toml.
+and Z), which are read from letters.toml.
 
-The bounds of the angles are those of a supple healthy hand; other values are refused.
+Angles beyond what a supple healthy hand can do are refused.
 """
 
 import tomllib
@@ -16,11 +16,12 @@ Turn = Annotated[float, Field(ge=-180, le=180)]
 
 
 class FingerPose(Config):
-    """One finger, degrees; 0 is straight, in line with the palm.
+    """Joint angles of one finger, degrees; with 0, the finger is straight and in line with the
+    palm.
 
-    `mcp_deg`, `pip_deg` and `dip_deg` bend the knuckle, the middle and the end joint towards the
-    palm (negative: back); `spread_deg` turns the finger at the knuckle within the palm's plane,
-    towards the thumb (negative: away from it).
+    `mcp_deg`, `pip_deg` and `dip_deg` bend the knuckle, the middle joint and the end joint towards
+    the palm (negative: backwards). `spread_deg` turns the finger at the knuckle within the palm's
+    plane, towards the thumb (negative: away from it).
     """
 
     mcp_deg: float = Field(default=0.0, ge=-30, le=95)
@@ -30,13 +31,13 @@ class FingerPose(Config):
 
 
 class ThumbPose(Config):
-    """The thumb, degrees.
+    """Joint angles of the thumb, degrees.
 
-    Its metacarpal leaves the wrist `radial_deg` from the fingers' direction within the palm's plane
-    (negative: across the palm) and `palmar_deg` out of that plane, to the palm's side;
-    `opposition_deg` turns it about its own axis (0: it bends across the palm, positive: the pulp
-    turns to face the palm); `mcp_deg` and `ip_deg` bend its two joints (negative: back, as a
-    hitch-hiker's thumb).
+    The metacarpal starts at the wrist. `radial_deg` is its angle to the fingers' direction within
+    the palm's plane (negative: across the palm), and `palmar_deg` its angle out of that plane, to
+    the palm's side. `opposition_deg` turns the thumb about its own axis: with 0 it bends across the
+    palm, with positive angles its pulp faces the palm. `mcp_deg` and `ip_deg` bend the two outer
+    joints (negative: backwards, as a hitch-hiker's thumb).
     """
 
     radial_deg: float = Field(default=40.0, ge=-20, le=80)
@@ -47,18 +48,24 @@ class ThumbPose(Config):
 
 
 class WristPose(Config):
-    """The wrist, degrees: `flexion_deg` bends the hand to the palm's side (negative: back),
-    `deviation_deg` towards the thumb (negative: towards the little finger), as seen from the
-    forearm. The palm stays, the forearm moves."""
+    """Joint angles of the wrist, degrees, as seen from the forearm.
+
+    `flexion_deg` bends the hand to the palm's side (negative: backwards), and `deviation_deg`
+    towards the thumb (negative: towards the little finger). In the hand frame, the palm stays and
+    the forearm moves.
+    """
 
     flexion_deg: float = Field(default=0.0, ge=-70, le=80)
     deviation_deg: float = Field(default=0.0, ge=-40, le=25)
 
 
 class Pose(Config):
-    """All joint angles of a right hand; the defaults are an open, flat hand whose palm faces the
-    radar. `turn_deg` turns hand and forearm about the palm's centre, about the fixed x, y and z
-    axes in this order, as shoulder, elbow and forearm do."""
+    """All joint angles of a right hand. The defaults describe an open, flat hand whose palm faces
+    the radar.
+
+    `turn_deg` turns hand and forearm together about the palm's centre, about the fixed x, y and z
+    axes in this order.
+    """
 
     thumb: ThumbPose = ThumbPose()
     index: FingerPose = FingerPose(spread_deg=4.0)

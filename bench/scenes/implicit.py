@@ -1,4 +1,5 @@
-"""Implicit surfaces: signed distances, smooth unions, and the zero set as a well-shaped mesh."""
+"""Implicit surfaces, given by signed distances: primitives, smooth unions, and the zero set as a
+mesh of well-shaped triangles."""
 
 from collections.abc import Callable
 
@@ -22,8 +23,11 @@ DIFFERENCE_M = 2e-6
 def round_cone(
     start_m: ArrayLike, end_m: ArrayLike, start_radius_m: float, end_radius_m: float
 ) -> Field:
-    """Return the function of the exact signed distance to a round cone, the convex hull of two
-    spheres, by their centres and radii. Raises ValueError if one sphere holds the other."""
+    """Return the exact signed distance to a round cone, as a function of points [n, 3].
+
+    A round cone is the convex hull of two spheres, given by their centres [3] and radii. Raises
+    ValueError if one sphere contains the other.
+    """
     start = np.asarray(start_m, np.float64)
     axis = np.asarray(end_m, np.float64) - start
     length = float(np.linalg.norm(axis))
@@ -48,7 +52,12 @@ def _to_cone(
     sine: float,
     radius_m: float,
 ) -> np.ndarray:
-    """Distance [n] of points [n, 3] to a round cone."""
+    """Compute the signed distance [n] of points [n, 3] to a round cone (convex hull of two
+    spheres).
+
+    start [3], radius_m: the first sphere. unit [3], length: direction and distance to the second
+    sphere's centre. sine, slope: sine and tangent of half the cone's opening angle.
+    """
     distance = np.empty(len(points))
     for n in range(len(points)):
         x, y, z = points[n, 0] - start[0], points[n, 1] - start[1], points[n, 2] - start[2]
@@ -64,16 +73,19 @@ def _to_cone(
 
 @njit(nogil=True, cache=True)
 def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
-    """Return min(a, b) with a smooth transition: equal to it where |a − b| > blend_m, cubic in
-    between, with two continuous derivatives. Of two distances, it joins both bodies with a
-    fillet."""
+    """Return min(a, b) with a smooth transition. Applied to the distances to two bodies, it joins
+    the bodies with a fillet.
+
+    The result equals min(a, b) where |a − b| > blend_m; it is cubic in between, with two continuous
+    derivatives.
+    """
     h = np.maximum(blend_m - np.abs(a - b), 0) / blend_m
     return np.minimum(a, b) - h * h * h * blend_m / 6
 
 
 def smooth_union(fields: list[Field], blend_m: float) -> Field:
-    """Return the signed-distance function of all bodies together, joined by fillets of the width
-    blend_m."""
+    """Return the signed distance to several bodies together, as a function of points. fields:
+    signed distances to the bodies; blend_m: width of the fillets that join them."""
 
     def distance(points: np.ndarray) -> np.ndarray:
         result = fields[0](points)
@@ -85,7 +97,7 @@ def smooth_union(fields: list[Field], blend_m: float) -> Field:
 
 
 def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Return the signed distances [n] of a field at points [n, 3], computed on all cores."""
+    """Evaluate a signed distance at points [n, 3] on all cores. Returns values [n], metres."""
     values = np.empty(len(points_m))
 
     def work(start: int) -> None:
@@ -96,16 +108,15 @@ def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
 
 
 def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Return the gradient [n, 3] of a field of signed distances at points [n, 3], by central
-    differences."""
+    """Compute the gradient [n, 3] of a signed distance at points [n, 3], by central differences."""
     steps = DIFFERENCE_M * np.eye(3)
     columns = [evaluate(field, points_m + s) - evaluate(field, points_m - s) for s in steps]
     return np.stack(columns, axis=1) / (2 * DIFFERENCE_M)
 
 
 def project(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Return points [n, 3] near the zero set of a field, moved onto it along the field's gradient
-    (Newton's method)."""
+    """Move points [n, 3] that are near the zero set of a signed distance onto the zero set, along
+    the gradient (Newton's method). Returns the moved points."""
     points_m = points_m.copy()
     off = np.arange(len(points_m))
     for _ in range(NEWTON_STEPS):
@@ -119,9 +130,12 @@ def project(field: Field, points_m: np.ndarray) -> np.ndarray:
 
 
 def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: float) -> np.ndarray:
-    """Return the values of a field at the points of a regular grid with the given step, at least
-    from lower_m to upper_m [3]: an array [nx, ny, nz], exact near the zero set and interpolated
-    elsewhere."""
+    """Evaluate a signed distance on a regular grid with step step_m from lower_m [3] to at least
+    upper_m [3].
+
+    Returns values [nx, ny, nz]. To save time, they are exact near the zero set only, and
+    interpolated from a coarser grid elsewhere.
+    """
     from scipy.ndimage import zoom
 
     coarse = 3
@@ -137,12 +151,14 @@ def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: floa
 def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the outer surface of a field of signed distances as vertices [n, 3] and outward
-    triangles [m, 3] with edges of about edge_m. lower_m, upper_m [3]: corners of a box around it.
+    """Compute the surface on which a signed distance is zero, as vertices [n, 3] and outward
+    triangles [m, 3] with edges of about edge_m.
 
-    Marching cubes, then even remeshing, then every vertex is moved onto the zero set; vertices are
-    moved to the mean of their neighbours and back until no triangle is a sliver or folded, which
-    happens in narrow grooves."""
+    lower_m, upper_m [3]: corners of a box around the surface. Marching cubes are followed by
+    remeshing to even triangles, and every vertex is moved onto the zero set. Narrow grooves can
+    leave slivers or folded triangles: then vertices are moved to the mean of their neighbours and
+    back onto the zero set, until all triangles are well shaped.
+    """
     from skimage import measure
 
     marching_cubes: Callable[..., tuple[np.ndarray, ...]] = measure.marching_cubes
@@ -159,16 +175,16 @@ def zero_set(
 
 
 def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
-    """Return the shape quality [n] of triangles [n, 3, 3], 4·√3·area / sum of squared edges: 1 for
-    an equilateral triangle, 0 for a degenerate one."""
+    """Compute the shape quality [n] of triangles [n, 3, 3]: 4·√3·area over the sum of squared
+    edges, which is 1 for an equilateral triangle and 0 for a degenerate one."""
     edges_m = np.roll(triangles_m, -1, axis=1) - triangles_m
     twice_area = np.linalg.norm(np.cross(edges_m[:, 0], edges_m[:, 1]), axis=1)
     return 2 * np.sqrt(3) * twice_area / (edges_m**2).sum(axis=(1, 2))
 
 
 def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """For every vertex of a closed mesh, the mean [n, 3] of the vertices connected to it by an
-    edge."""
+    """Compute, for every vertex of a closed mesh, the mean [n, 3] of the vertices that an edge
+    connects to it. vertices_m [n, 3]; faces [m, 3]: vertex indices."""
     total, count = np.zeros_like(vertices_m), np.zeros(len(vertices_m))
     # in a closed mesh these three run along each edge once per direction
     for a, b in ((0, 1), (1, 2), (2, 0)):
@@ -180,8 +196,8 @@ def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def remesh(
     vertices_m: np.ndarray, faces: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest connected part of a mesh as new vertices and faces: nearly equilateral
-    triangles with edges of about edge_m."""
+    """Remesh the largest connected part of a mesh with nearly equilateral triangles whose edges are
+    about edge_m long. Returns the new vertices [n, 3] and triangles [m, 3]."""
     import pymeshlab
 
     meshes = pymeshlab.MeshSet(verbose=False)

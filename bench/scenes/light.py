@@ -1,8 +1,8 @@
-"""The studio's light, and its effects on a hand.
+"""Light in simulated photographs.
 
-Three disc lamps and an ambient glow are baked into the bodies' vertices with their shadows.
-Highlights are a rough surface's mirror images of the lamps (Cook & Torrance 1982; for skin, Weyrich
-et al. 2006). A projector of speckle makes random bright dots that are fixed in space, so that every
+Three disc lamps and ambient light are computed once at the vertices of each body, with shadows.
+Highlights are reflections of the lamps on a rough surface (Cook & Torrance 1982; for skin, Weyrich
+et al. 2006). A speckle projector casts random bright dots that are fixed in space, so that every
 camera sees the same ones.
 """
 
@@ -20,9 +20,11 @@ from handbench.support.rays import RaycastingScene, load_open3d
 
 @dataclass(frozen=True)
 class Lamp:
-    """A lamp: a disc that faces the board. centre_m (photo frame), radius_m; irradiance: at the
-    board's centre on a surface that faces the lamp, divided by π, so that a white surface has
-    radiance 1 where the irradiance is 1."""
+    """A lamp: a disc that faces the board.
+
+    centre_m: in the photo frame. irradiance: that of a surface at the board's centre that faces the
+    lamp, divided by π, so that a white surface with irradiance 1 has radiance 1.
+    """
 
     centre_m: tuple[float, float, float]
     radius_m: float
@@ -30,11 +32,11 @@ class Lamp:
 
     @property
     def reach_m(self) -> float:
-        """Distance to the board's centre, where the irradiance is defined."""
+        """Distance from the lamp to the board's centre, for which `irradiance` is given, metres."""
         return float(np.linalg.norm(self.centre_m))
 
     def samples_m(self) -> np.ndarray:
-        """Points [LAMP_SAMPLES, 3] spread evenly over the disc."""
+        """Return points [n, 3] spread evenly over the lamp's disc, in the photo frame, metres."""
         centre_m = np.array(self.centre_m)
         z = centre_m / np.linalg.norm(centre_m)
         x = np.cross([0.0, 1.0, 0.0], z)
@@ -57,16 +59,19 @@ SHADOW_OFFSET_M = 2e-4
 
 @dataclass(frozen=True)
 class Light:
-    """The light at a body's n vertices. irradiance [n]: from lamps and surroundings, with shadows,
-    divided by π; open [n, lamps]: share of each lamp that is not hidden, 0 to 1."""
+    """Light at the n vertices of a body.
+
+    irradiance [n]: from lamps and ambient light, with shadows, divided by π. open [n, lamps]:
+    fraction of each lamp that other surfaces do not hide, 0 to 1.
+    """
 
     irradiance: np.ndarray
     open: np.ndarray
 
 
 def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
-    """Compute the light at a body's vertices: from the lamps, with soft shadows, and from the
-    surroundings as far as other surfaces do not hide them. rays: ray caster of all bodies."""
+    """Compute the light at the vertices of a body: from the lamps with soft shadows, and ambient
+    light from the directions that no surface hides. rays: ray caster of all bodies."""
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))
     seen = np.zeros((len(origins_m), len(LAMPS)), dtype=np.float32)
@@ -93,8 +98,12 @@ def bake(rays: RaycastingScene, body: PhotoBody) -> Light:
 def clear(
     rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """Return 1.0 [n] where nothing lies between an origin [n, 3] and origin + towards [n, 3], else
-    0.0. Rays are cast only where the mask `wanted` [n] is True; elsewhere the result is 0."""
+    """Test for each of n points whether nothing lies between it and a second point.
+
+    origins_m [n, 3]: the points; towards [n, 3]: vectors to the second points. Returns 1.0 [n] for
+    a free path and 0.0 for a blocked one. Only points in the mask wanted [n] are tested; others get
+    0.
+    """
     tensor = load_open3d().core.Tensor
     result = np.zeros(len(origins_m))
     query = np.concatenate([origins_m[wanted], towards[wanted]], axis=1).astype(np.float32)
@@ -103,14 +112,16 @@ def clear(
 
 
 def sunflower(radius: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the x [count] and the y [count] of points spread evenly over a disc of that radius."""
+    """Return the x [count] and y [count] of points that are spread evenly over a disc of this
+    radius."""
     k = np.arange(count) + 0.5
     r, angle = radius * np.sqrt(k / count), k * np.pi * (3 - np.sqrt(5))
     return r * np.cos(angle), r * np.sin(angle)
 
 
 def _sphere(count: int) -> np.ndarray:
-    """Unit directions [count, 3] spread evenly (a Fibonacci lattice)."""
+    """Return unit directions [count, 3] that are spread evenly over the sphere (a Fibonacci
+    lattice)."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
@@ -126,10 +137,13 @@ NEAREST_M = 0.05  # from the target's origin
 
 class Projector:
     """A projector of random dots at position_m [3], aimed at the target's origin aim_m [3] (photo
-    frame). contrast: of the dots there, (max − min) / (max + min); it is also the projector's share
-    of the light, and the lamps are dimmed so that the mean brightness stays the same. dot_m: size
-    of the dots at the target's origin. Raises HandbenchError for a position within 50 mm of the
-    target's origin."""
+    frame).
+
+    contrast: of the dots at the target's origin, (max − min) / (max + min). It is also the
+    projector's share of the light: the lamps are dimmed so that the mean brightness stays the same.
+    dot_m: size of the dots at the target's origin. seed: of the dots. Raises HandbenchError for a
+    position within 50 mm of the target's origin.
+    """
 
     def __init__(
         self, position_m: np.ndarray, aim_m: np.ndarray, contrast: float, dot_m: float, seed: int
@@ -148,8 +162,8 @@ class Projector:
         self.down = np.cross(self.axis, self.right)
 
     def pattern(self, points_m: np.ndarray) -> np.ndarray:
-        """Brightness [n] of the pattern projected onto points [n, 3]: 0 to 1, mean 1/2. It depends
-        only on the direction from the projector; points behind the projector are dark."""
+        """Compute the brightness [n] of the dots at points [n, 3]: 0 to 1, with mean 1/2. It
+        depends only on a point's direction from the projector, and is 0 behind the projector."""
         relative_m = points_m - self.position_m
         along = relative_m @ self.axis / self.throw_m
         before = along > 0
@@ -162,9 +176,12 @@ class Projector:
         return result
 
     def incidence(self, points_m: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Return how strongly the projector lights points [n, 3] with unit normals [n, 3], without
-        dots and shadows: cosine of incidence times (throw / distance)², [n], where the throw is its
-        distance from the target's origin."""
+        """Compute how strongly the projector lights points [n, 3] with unit normals [n, 3], without
+        dots and shadows, relative to a surface at the target's origin that faces it.
+
+        The result [n] is the cosine of incidence times (throw / distance)², where the throw is the
+        distance from the projector to the target's origin.
+        """
         towards = self.position_m - points_m
         distance_m = np.linalg.norm(towards, axis=1)
         cosine = np.maximum(np.einsum("ij,ij->i", towards, normals) / distance_m, 0)
@@ -173,9 +190,13 @@ class Projector:
     def beam(
         self, rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray, even: bool
     ) -> np.ndarray:
-        """Return the projector's light [n] on its way to points [n, 3] with normals [n, 3]: the
-        irradiance, divided by π, of a surface that faces it at the distance of the target's origin;
-        0 in shadow. rays: ray caster of all bodies; even: light without dots, of the same mean."""
+        """Compute the projector's light [n] that travels towards points [n, 3] with normals [n, 3],
+        without the effects of distance and incidence; 0 in shadow.
+
+        Its unit is the irradiance, divided by π, of a surface that faces the projector at the
+        target's origin. rays: ray caster of all bodies. even: True for light of the same mean
+        without dots.
+        """
         picture = 0.5 if even else self.pattern(points_m)
         lit = self.incidence(points_m, normals) > 0
         unshadowed = clear(
@@ -199,14 +220,17 @@ def ggx(
     roughness: float,
     reflectance: float,
 ) -> float:
-    """Return the specular part of a rough surface's BRDF in 1/sr. Arguments are cosines of angles:
-    between the normal and the half vector h (to_half), the light l (to_light) and the eye v
-    (to_eye, both above 0), and between half vector and eye (tilt); then the roughness α and the
-    reflectance R at normal incidence.
+    """Compute the specular part of a rough surface's BRDF, 1/sr.
 
-    It is D F V: D = α² / (π ((n·h)² (α² - 1) + 1)²), the distribution of small facets whose normals
-    are near h (GGX, Walter et al. 2007); F = R + (1 - R) (1 - h·v)⁵ (Schlick 1994); V, the
-    height-correlated masking of facets by each other, divided by 4 (n·l) (n·v) (Heitz 2014)."""
+    The first arguments are cosines, with the normal n, the light's direction l, the eye's direction
+    v, and the half vector h between l and v: to_half = n·h, to_light = n·l, to_eye = n·v (the last
+    two above 0), tilt = h·v. roughness: α; reflectance: R at normal incidence.
+
+    The result is D F V. D = α² / (π ((n·h)² (α² - 1) + 1)²) is the distribution of the normals of
+    small facets (GGX, Walter et al. 2007). F = R + (1 - R) (1 - h·v)⁵ is the Fresnel term (Schlick
+    1994). V is the height-correlated masking of facets by each other, divided by 4 (n·l) (n·v)
+    (Heitz 2014).
+    """
     square = roughness**2
     spread = square / (np.pi * (to_half**2 * (square - 1) + 1) ** 2)
     fresnel = reflectance + (1 - reflectance) * (1 - tilt) ** 5
@@ -223,12 +247,13 @@ def mirrored(
     reach_m: float,
     roughness: float,
 ) -> np.ndarray:
-    """Return the radiance [n] of a lamp's highlight on skin at points [n, 3] with unit normals [n,
-    3], as seen in the directions `eyes` [n, 3] (unit vectors to the camera). Shadows are not
-    considered.
+    """Compute the radiance [n] of a lamp's highlight on skin at points [n, 3], per unit of the
+    lamp's irradiance; shadows are ignored.
 
-    lamp_m [k, 3]: points of the lamp; reach_m: distance from it at which its irradiance divided by
-    π is 1; roughness: of the skin (GGX's α)."""
+    normals [n, 3]: unit normals. eyes [n, 3]: unit vectors to the camera. lamp_m [k, 3]: points of
+    the lamp. reach_m: distance at which the lamp's irradiance is given. roughness: of the skin
+    (GGX's α).
+    """
     result = np.empty(len(points_m), dtype=np.float32)
 
     def work(first: int) -> None:
@@ -251,8 +276,14 @@ def _mirrored(
     roughness: float,
     result: np.ndarray,
 ) -> None:
-    """Fill in `result` [n], what `mirrored` returns, by the rendering equation over k points of a
-    lamp: π / k Σ brdf cos θ (reach / distance)²."""
+    """Compute the radiance of a lamp's highlight at points [n, 3] of skin, per unit of the lamp's
+    irradiance, and write it into `result` [n].
+
+    It is the rendering equation summed over k points lamp_m [k, 3] of the lamp: π / k Σ brdf cos θ
+    (reach / distance)², with the angle of incidence θ and the distance reach_m at which the
+    irradiance is given. normals [n, 3]: unit normals. eyes [n, 3]: unit vectors to the camera.
+    roughness: of the skin.
+    """
     for i in range(len(points_m)):
         px, py, pz = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         nx, ny, nz = normals[i, 0], normals[i, 1], normals[i, 2]

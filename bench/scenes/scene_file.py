@@ -1,4 +1,4 @@
-"""The content of a scene file: target, radar, cameras and stand, and the effects in its echoes."""
+"""The content of a scene file: target, radar, cameras and stand, and the effects in the echoes."""
 
 from typing import Annotated, Any, Literal
 
@@ -22,8 +22,11 @@ PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is t
 
 
 class _Placed(Config):
-    """A target's place in the radar frame, and its motion. distance_m: z of the target's origin;
-    offset_m: its x and y; rotation_deg: turns about the fixed x, y and z axes, in this order."""
+    """Position of a target in the radar frame, and its motion.
+
+    distance_m: z of the target's origin; offset_m: its x and y. rotation_deg: turns about the fixed
+    x, y and z axes, in this order.
+    """
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Near, Near] = (0.0, 0.0)
@@ -32,12 +35,13 @@ class _Placed(Config):
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
-        """Return the transform from the target's frame to the radar's."""
+        """Return the transform from the target's frame to the radar frame."""
         return _placed("target", self.rotation_deg, np.eye(3), (*self.offset_m, self.distance_m))
 
 
 class _Solid(_Placed):
-    """A target of one material. roughness: relief of its surface that its mesh does not show."""
+    """A target of one material. roughness: relief of its surface that its mesh is too coarse to
+    show."""
 
     material: Material = Material()
     roughness: Roughness = Roughness()
@@ -47,9 +51,12 @@ _POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "
 
 
 class HandTarget(_Solid):
-    """A parametric right hand. pose: a letter of the manual alphabet, or joint angles
-    ([target.pose]); distance_m: range of the palm's mid-plane; edge_m: length of the mesh's edges;
-    person: number of the person whose hand it is (0: the mean hand)."""
+    """A parametric right hand.
+
+    pose: a letter of the manual alphabet, or joint angles (a table [target.pose]). distance_m: z of
+    the palm's centre in the radar frame. edge_m: length of the mesh's edges. person: number of the
+    person whose hand it is (0: the mean hand).
+    """
 
     kind: Literal["hand"]
     pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
@@ -74,13 +81,13 @@ class HandTarget(_Solid):
 
     @property
     def build(self) -> Person:
-        """The proportions of this person's hand relative to the mean hand."""
+        """The proportions of this person's hand, as factors on the mean hand."""
         return person(self.person)
 
 
 class CalibrationTarget(_Placed):
-    """The calibration target of foam spheres with steel balls. file: its description, next to the
-    scene file (None: the default target)."""
+    """The calibration target: foam spheres with steel balls inside. file: its description, in the
+    scene file's folder (None: the default target)."""
 
     kind: Literal["calibration_target"]
     file: str | None = None
@@ -88,8 +95,8 @@ class CalibrationTarget(_Placed):
 
 
 class MeshTarget(_Solid):
-    """A target whose surface is any closed mesh. path: its file, next to the scene file; unit: of
-    its coordinates."""
+    """A target whose surface is a closed mesh from a file. path: the file, in the scene file's
+    folder. unit: of its coordinates."""
 
     kind: Literal["mesh"]
     path: str
@@ -97,7 +104,7 @@ class MeshTarget(_Solid):
 
 
 class SphereTarget(_Solid):
-    """A sphere whose centre is the target's origin. edge_m: length of its mesh's edges."""
+    """A sphere with its centre at the target's origin. edge_m: length of the mesh's edges."""
 
     kind: Literal["sphere"]
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
@@ -105,7 +112,8 @@ class SphereTarget(_Solid):
 
 
 class PlateTarget(_Solid):
-    """A flat plate that faces the radar; its front is the target's x-y plane."""
+    """A flat plate that faces the radar, with its front in the x-y plane of the target's frame.
+    edge_m: length of the mesh's edges."""
 
     kind: Literal["plate"]
     width_m: float = Field(default=0.12, gt=0, le=1)
@@ -115,8 +123,8 @@ class PlateTarget(_Solid):
 
 
 class DihedralTarget(_Solid):
-    """A corner reflector of two square plates, side_m wide, at a right angle that opens towards the
-    radar; they meet along the target's y axis. edge_m: length of its mesh's edges."""
+    """A corner reflector: two square plates, side_m wide, that meet along the y axis of the
+    target's frame at a right angle open towards the radar. edge_m: length of the mesh's edges."""
 
     kind: Literal["dihedral"]
     side_m: float = Field(default=0.06, gt=0, le=0.5)
@@ -129,8 +137,7 @@ AnyTarget = (
 
 
 class Sweep(Config):
-    """Frequencies of a sweep: `count` evenly spaced ones from start_hz to stop_hz, both
-    included."""
+    """A sweep: `count` evenly spaced tones from start_hz to stop_hz, both included."""
 
     start_hz: Tone
     stop_hz: Tone
@@ -138,10 +145,13 @@ class Sweep(Config):
 
 
 class Sensor(SensorFaults):
-    """The radar. array: the built-in array or a folder with one; sweep, tones_hz: its frequencies,
-    first those of the sweeps, then the tones; they are measured in this order, one every
-    step_time_s. polarisation_deg: direction of the antennas' electric field. The other keys are its
-    imperfections."""
+    """The radar.
+
+    array: the built-in array, or a folder with another one. sweep, tones_hz: the frequencies,
+    measured in this order (first all sweeps, then the single tones), one every step_time_s seconds.
+    polarisation_deg: direction of the antennas' electric field, from x towards y. The inherited
+    keys describe the radar's imperfections.
+    """
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
@@ -170,9 +180,11 @@ class Sensor(SensorFaults):
 
 
 class Photos(Config):
-    """The photographs to take: cameras, pictures, sensor, lens, and what makes the photographs less
-    than ideal. effects: "all" and "auto" both mean every effect whose key below is set;
-    tolerance_mm has no effect."""
+    """The photographs to simulate: cameras, pictures, sensor, lens, and imperfections.
+
+    effects: "all" and "auto" both mean every effect whose key below is set. tolerance_mm: has no
+    effect.
+    """
 
     effects: Literal["all", "auto"] = "all"
     tolerance_mm: float = Field(default=0.01, gt=0)
@@ -215,22 +227,27 @@ class Photos(Config):
 
 
 class Mount(Config):
-    """How the stand is mounted: the pose of its board in the radar frame. offset_m [3]: place of
-    the board's centre; rotation_deg: turns about the fixed x, y and z axes away from a board that
-    faces the radar."""
+    """Pose of the stand's board in the radar frame.
+
+    offset_m [3]: position of the board's centre. rotation_deg: turns about the fixed x, y and z
+    axes, in this order, starting from a board that faces the radar.
+    """
 
     offset_m: tuple[Near, Near, Near] = (0.004, -0.006, 0.400)
     rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
 
     def radar_from_photo(self) -> Transform:
-        """Return the true transform from the photo frame (the board's) to the radar frame."""
+        """Return the true transform from the photo frame (that of the board) to the radar frame."""
         return _placed("photo", self.rotation_deg, PHOTO_AXES, self.offset_m)
 
 
 class Stand(Config):
-    """The stand as the radar sees it. reflectivity_db: echo amplitude of its plate and block
-    relative to metal (None: covered by absorber, no echo); empty: also write a capture of the empty
-    room (empty.h5); subtract: subtract that capture from the echoes."""
+    """The stand in the radar's view.
+
+    reflectivity_db: echo amplitude of its plate and block relative to metal (None: absorber covers
+    them, no echo). empty: also simulate a capture of the empty room (empty.h5). subtract: subtract
+    the echoes of the empty room from those of the scene.
+    """
 
     reflectivity_db: float | None = Field(default=None, le=0)
     empty: bool = False
@@ -238,7 +255,7 @@ class Stand(Config):
 
 
 def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Check names of effects and return them. Raises ValueError for a name that is not an effect,
+    """Return these names of effects unchanged. Raises ValueError for a name that is not an effect,
     or that is listed twice."""
     try:
         check_names(names)
@@ -248,10 +265,14 @@ def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class SceneFile(Config):
-    """The content of a scene file. effects: a list of names, or "auto" to leave out effects that
-    together change depths by less than tolerance_mm. depth_step_hz: step between the two tones from
-    which depth is determined. noise, sensor, target: also name the causes of the effects; photos:
-    None takes no photographs; mount: pose of the stand's board."""
+    """The content of a scene file.
+
+    effects: names of the effects to simulate, or "auto" to leave out those that together change
+    depths by less than tolerance_mm. depth_step_hz: frequency step between the two tones from which
+    depth is determined, used to convert changes of phase to changes of depth. noise, sensor and
+    target also contain the causes of effects. photos: None for no photographs. mount: pose of the
+    stand's board.
+    """
 
     version: Literal[1]
     name: Name
@@ -289,7 +310,7 @@ class SceneFile(Config):
 
     def of_person(self, number: int) -> "SceneFile":
         """Return the scene with the hand of the person `number`, held as that person holds it, with
-        its own name and seed. Raises HandbenchError if the target is not a hand."""
+        a name and a seed of its own. Raises HandbenchError if the target is not a hand."""
         if not isinstance(self.target, HandTarget):
             raise HandbenchError(
                 f"scene '{self.name}': has the target '{self.target.kind}', but persons are "
@@ -316,8 +337,8 @@ class SceneFile(Config):
 
     @property
     def causes(self) -> Causes:
-        """What causes effects in the echoes: noise, the target's motion and roughness, and the
-        sensor's imperfections."""
+        """The causes of effects in the echoes: noise, motion and roughness of the target, and
+        imperfections of the sensor."""
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
@@ -334,9 +355,11 @@ def _placed(
     axes: np.ndarray,
     offset_m: tuple[float, ...],
 ) -> Transform:
-    """Return the transform from the frame `source` to the radar frame, without scale. A point is
-    first carried by `axes` [3, 3], then turned by angles_deg about the fixed x, y and z axes in
-    this order, then moved by offset_m [3]."""
+    """Return the transform, without scale, from the frame `source` to the radar frame.
+
+    A point is first mapped by axes [3, 3], then turned by angles_deg about the fixed x, y and z
+    axes in this order, then shifted by offset_m [3].
+    """
     from scipy.spatial.transform import Rotation
 
     matrix = np.eye(4)

@@ -1,5 +1,5 @@
-"""Targets with a closed form (sphere, plate and dihedral) as closed meshes in the target's frame,
-metres."""
+"""Closed meshes of targets with simple shapes (sphere, cylinder, plate and dihedral), in the
+target's frame, metres."""
 
 import numpy as np
 
@@ -13,33 +13,35 @@ BACK_M = 5e-3  # thickness of a dihedral behind its fold
 
 
 def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
-    """Return the mesh of a sphere about the origin, with edges of about edge_m. Raises
-    HandbenchError if that would make too many triangles."""
+    """Make the mesh of a sphere around the origin, with edges of about edge_m. Raises
+    HandbenchError if that would take too many triangles."""
     _check_faces(4 * np.pi * radius_m**2, edge_m)
     resolution = max(8, int(np.ceil(np.pi * radius_m / edge_m)))
     return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
 
 
 def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
-    """Return the mesh of a closed cylinder about the y axis. around, along: numbers of steps around
-    it and along it."""
+    """Make the mesh of a closed cylinder around the y axis, centred at the origin. around, along:
+    number of edges around the cylinder and along it."""
     made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
     # its axis is z
     return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))
 
 
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:
-    """Return the mesh of a plate whose front is in the plane z = 0 and faces −z, with edges of
-    about edge_m. Raises HandbenchError if that would make too many triangles."""
+    """Make the mesh of a plate whose front is in the plane z = 0 and faces −z, with edges of about
+    edge_m. Raises HandbenchError if that would take too many triangles."""
     _check_faces(2 * width_m * height_m, edge_m)
     half = np.array([width_m, height_m]) / 2
     return mesh(*cuboid(np.array([[*-half, 0.0], [*half, thickness_m]]), edge_m))
 
 
 def dihedral_mesh(side_m: float, edge_m: float) -> TriangleMesh:
-    """Return the mesh of a block with a notch of 90° that opens towards −z. The notch's fold is the
-    y axis, and its two sides are squares of side_m. Raises HandbenchError if edges of about edge_m
-    would make too many triangles."""
+    """Make the mesh of a block with a right-angled notch that opens towards −z.
+
+    The bottom of the notch is the y axis, and its two sides are squares of side_m. Raises
+    HandbenchError if edges of about edge_m would take too many triangles.
+    """
     _check_faces(4 * side_m**2, edge_m)
     reach, half = side_m / np.sqrt(2), side_m / 2
     outline = np.array(
@@ -71,8 +73,8 @@ def _check_faces(area_m2: float, edge_m: float) -> None:
 def _quad(
     a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices [n, 3] and triangles of a grid over the rectangle a, b, b + side, a +
-    side, with steps of at most step_m."""
+    """Make a grid of triangles over the rectangle with the corners a, b, b + side and a + side,
+    with steps of at most step_m. Returns vertices [n, 3] and triangles [m, 3]."""
     nu, nv = (int(np.ceil(np.linalg.norm(length) / step_m)) + 1 for length in (b - a, side))
     u, v = np.meshgrid(np.linspace(0, 1, nu), np.linspace(0, 1, nv), indexing="ij")
     index = np.arange(nu * nv).reshape(nu, nv)

@@ -1,8 +1,8 @@
-"""The stand around the target in the photographs (a printed back plate with its ArUco board, and a
-block) and the rig of eight calibrated cameras around the radar.
+"""The stand around the target in the photographs (a back plate with a printed ArUco board, and a
+block), and the calibrated cameras around the radar.
 
-Photo frame: the board's frame; origin at the plate's centre, the print in x and y, z towards the
-cameras. Metres.
+The photo frame is the board's frame: origin at the plate's centre, print in the x-y plane, z
+towards the cameras. Metres.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ INK, PAPER = 0.04, 0.82  # reflectances
 
 
 def stand_board() -> Board:
-    """Return the ArUco board that is printed on the back plate: the corners of all markers."""
+    """Return the ArUco board that is printed on the back plate."""
     half = MARKER_M / 2
     corner = np.array(
         [(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)]
@@ -38,8 +38,9 @@ def stand_board() -> Board:
 
 
 def plate_print(seed: int) -> np.ndarray:
-    """Reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at the top:
-    a high-contrast pattern of blots from 0.5 to 12 mm, white around the markers."""
+    """Make the reflectance [height, width] of the plate's front, one value per 0.1 mm, first row at
+    the top: a high-contrast random pattern of blots from 0.5 to 12 mm, and the markers with a white
+    margin. seed: of the pattern."""
     import cv2
 
     shape = round(PLATE_M[1] / TEXEL_M), round(PLATE_M[0] / TEXEL_M)
@@ -59,8 +60,8 @@ def plate_print(seed: int) -> np.ndarray:
 
 
 def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) -> np.ndarray:
-    """Return smooth noise float32 `shape` of unit variance, with blots about scale_m wide on the
-    plate."""
+    """Make smooth random noise, float32 of the given shape and unit variance, whose blots are about
+    scale_m wide on the plate."""
     import cv2
 
     cells = [max(4, round(side * TEXEL_M / (0.4 * scale_m))) for side in shape]
@@ -70,8 +71,8 @@ def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) 
 
 
 def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> np.ndarray:
-    """Return the square part of the plate's picture with sides of side_m around a point of the
-    plate; writing to it changes the picture."""
+    """Return the square of the plate's picture around the point centre_m of the plate, with sides
+    of side_m, as a view into `image`: writing to it changes the picture."""
     left = round((PLATE_M[0] / 2 + centre_m[0] - side_m / 2) / TEXEL_M)
     top = round((PLATE_M[1] / 2 - centre_m[1] - side_m / 2) / TEXEL_M)
     side = round(side_m / TEXEL_M)
@@ -79,14 +80,14 @@ def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> n
 
 
 def plate_box_m() -> np.ndarray:
-    """Return the lower and upper corner [2, 3] of the back plate in the photo frame, in metres."""
+    """Return the lower and upper corner [2, 3] of the back plate in the photo frame, metres."""
     width, height, thickness = PLATE_M
     return np.array([[-width / 2, -height / 2, -thickness], [width / 2, height / 2, 0.0]])
 
 
 def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices [n, 3] and outward triangles [m, 3] of a box, given by its lower and upper
-    corner [2, 3]. Its sides are divided into a grid with steps of at most step_m."""
+    """Make the surface of a box as vertices [n, 3] and outward triangles [m, 3], divided into a
+    grid with steps of at most step_m. box_m [2, 3]: lower and upper corner."""
     (lower_m, upper_m), vertices, faces, total = box_m, [], [], 0
     for axis in range(3):
         for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
@@ -121,9 +122,12 @@ FOCAL_PER_WIDTH = 1.18
 def rig(
     count: int, width: int, height: int, aim_m: np.ndarray, radar_from_photo: Transform, seed: int
 ) -> tuple[Camera, ...]:
-    """Return `count` cameras on a ring around the radar, all aimed at about aim_m [3] (radar
-    frame), with random deviations by the seed. width, height: of their pictures in pixels. Their
-    poses R, t carry points from the photo frame into the camera's."""
+    """Return `count` cameras on a ring around the radar that look at about aim_m [3] (radar frame),
+    with random deviations drawn from `seed`.
+
+    width, height: of the pictures in pixels. The poses R, t of the cameras map the photo frame to
+    the camera frame.
+    """
     random = np.random.default_rng([seed, 2])
 
     def camera(number: int) -> Camera:
@@ -162,7 +166,7 @@ def rig(
 
 def _look(forward: np.ndarray, roll_rad: float) -> np.ndarray:
     """Return the rotation [3, 3] from the radar frame to a camera that looks along `forward` [3].
-    Its picture is upright but for a turn by roll_rad."""
+    The picture is upright except for a turn by roll_rad."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, [0.0, 1.0, 0.0])
     x /= np.linalg.norm(x)

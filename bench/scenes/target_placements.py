@@ -1,5 +1,5 @@
-"""Placements of the calibration target, manufactured within its tolerances; and the point cloud
-that eight cameras would reconstruct of it, with realistic errors."""
+"""Random placements of the calibration target with errors of manufacture, and the point cloud that
+eight cameras would reconstruct of it, with realistic errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,9 +21,11 @@ MADE = "made.toml"  # the target as manufactured, next to the scene
 
 @dataclass(frozen=True)
 class Placement:
-    """The calibration target at one random place. number: of the placement, seed of its draws;
-    scene: the true scene, with the target as manufactured; described: the ideal target, as its
-    description says."""
+    """The calibration target in one random position.
+
+    number: identifies the placement, and is the seed of its random numbers. scene: the true scene,
+    with the target as manufactured. described: the ideal target, without errors of manufacture.
+    """
 
     number: int
     scene: Scene
@@ -31,10 +33,13 @@ class Placement:
 
 
 def placement(number: int, folder: Path, **more: Any) -> Placement:
-    """Draw the placement `number` of the calibration target: at 0.26 to 0.32 m, up to 20 mm
-    sideways, turned by up to 30° about each axis. Drawn too are the pose of the stand's board, the
-    antennas' polarisation, and the target's errors of manufacture, which are written to made.toml
-    in `folder`. more: further tables of the scene file."""
+    """Draw the placement `number` of the calibration target: 0.26 to 0.32 m from the radar, up to
+    20 mm sideways, turned by up to 30° about each axis.
+
+    The pose of the stand's board, the antennas' polarisation and the target's errors of manufacture
+    are drawn too; the manufactured target is written to made.toml in `folder`. more: further tables
+    of the scene file.
+    """
     rng = np.random.default_rng([number, 6])
     described = default_target()
     folder.mkdir(parents=True, exist_ok=True)
@@ -64,9 +69,12 @@ def placement(number: int, folder: Path, **more: Any) -> Placement:
 
 
 def placements(number: int, count: int, folder: Path) -> list[Placement]:
-    """Draw `count` random poses of one manufactured target, with one stand: target, stand and
-    antennas are the same in all scenes, pose and noise differ. number: of the first placement; the
-    others have the following numbers. folder: that of the scenes' files."""
+    """Draw `count` random poses of one manufactured target. Target, stand and antennas are the same
+    in all scenes; only the target's pose and the noise differ.
+
+    number: of the first placement; the others have the following numbers. folder: receives the
+    scenes' files.
+    """
     first = placement(number, folder / str(number))
     found = [first]
     for other in range(number + 1, number + count):
@@ -77,8 +85,9 @@ def placements(number: int, count: int, folder: Path) -> list[Placement]:
 
 
 def manufactured_target(target: Target, rng: np.random.Generator) -> Target:
-    """Return the target with errors of manufacture, drawn from the tolerances in its description:
-    permittivity of the foam, radii of the spheres, and places of the balls in them."""
+    """Return the target with random errors of manufacture, drawn from the tolerances in its
+    description: the foam's permittivity, the radii of the spheres, and the positions of the balls
+    in them."""
     return target.model_copy(
         update={
             "foam_permittivity": max(
@@ -111,10 +120,12 @@ CAMERAS = 8
 def optical_cloud(
     placed: Placement, seen: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulate the point cloud that eight cameras would reconstruct: points [n, 3] in metres (photo
-    frame) and outward normals [n, 3], both with errors. It has the points of the spheres that at
-    least two cameras see past the other spheres, and points of the plate. seen: indices of the
-    spheres that are in view (None: all)."""
+    """Simulate the point cloud that eight cameras would reconstruct of a placement.
+
+    It has points of the back plate, and those points of the spheres that at least two cameras see.
+    seen: indices of the spheres in view (None: all). Returns points [n, 3] in the photo frame,
+    metres, and outward normals [n, 3], both with errors.
+    """
     scene, target = placed.scene, placed.scene.target
     assert target is not None  # a placement has one
     rng = np.random.default_rng([placed.number, 8])
@@ -157,8 +168,11 @@ def _sees(
     centres_m: np.ndarray,
     radii_m: np.ndarray,
 ) -> np.ndarray:
-    """Return the mask [n] of the points [n, 3] of a sphere (unit normals `outward`) that a camera
-    at eye_m [3] sees: not too obliquely, and not behind any of the spheres (centres_m, radii_m)."""
+    """Return the mask [n] of the points [n, 3] of a sphere that a camera at eye_m [3] sees.
+
+    outward [n, 3]: unit normals at the points; too oblique ones are not seen. centres_m [k, 3],
+    radii_m [k]: all spheres, which may hide the points.
+    """
     ray = points_m - eye_m
     length = np.linalg.norm(ray, axis=1, keepdims=True)
     ray /= length

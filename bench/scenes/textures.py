@@ -1,5 +1,8 @@
-"""Solid textures: reflectance as a function of a body's own coordinates, so that all photographs
-see the same texture; and marks on a hand: flexion creases, the lines of the palm, nails."""
+"""Solid textures of skin and foam, and marks on a hand: flexion creases, lines of the palm, nails.
+
+A solid texture is a reflectance that depends on a point's position in the body, so that all
+photographs show the same pattern.
+"""
 
 import itertools
 from collections.abc import Callable
@@ -25,9 +28,9 @@ BLOCK = 50_000  # points per task
 
 
 def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Return the reflectance [n, 3] of skin at points [n, 3]: a skin tone with faint random
+    """Compute the reflectance [n, 3] of skin at points [n, 3]: a skin tone with faint random
     patterns of 9 to 0.5 mm and fine dark creases. contrast: strength of the patterns, 1 as in
-    nature; seed: of the patterns."""
+    nature. seed: of the patterns."""
     shade = np.zeros(len(points_m), dtype=np.float32)
     for octave, (wavelength_m, amplitude) in enumerate(SKIN_OCTAVES):
         shade += 2.2 * amplitude * solid_noise(points_m, wavelength_m, seed + octave)
@@ -43,8 +46,8 @@ def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
 
 
 def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
-    """Return the reflectance [n, 3] of styrofoam at points [n, 3]: beads of different brightness
-    with darker seams. contrast: strength of the pattern, 1 as in nature; seed: of the pattern."""
+    """Compute the reflectance [n, 3] of styrofoam at points [n, 3]: beads of different brightness
+    with darker seams. contrast: strength of the pattern, 1 as in nature. seed: of the pattern."""
     seam, tone = cells(points_m, BEAD_M, seed)
     shade = 0.16 * tone - 0.35 * np.exp(-((seam / (0.12 * BEAD_M)) ** 2))
     shade += 0.06 * solid_noise(points_m, 0.6e-3, seed + 1)
@@ -54,8 +57,8 @@ def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
 
 
 def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
-    """Return the reflectance [n, 3] of extruded foam board at points [n, 3]: a nearly plain
-    blue-grey."""
+    """Compute the reflectance [n, 3] of extruded foam board at points [n, 3]: a nearly plain
+    blue-grey. seed: of its faint grain."""
     grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(
         points_m, 0.8e-3, seed + 1
     )
@@ -63,15 +66,17 @@ def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
 
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:
-    """Return smooth random values [n] (about ±1) at points [n, 3], whose typical period in space is
-    wavelength_m; the same for the same seed."""
+    """Compute smooth random values [n] (about ±1) at points [n, 3] that vary in space with a
+    typical period of wavelength_m. The same seed gives the same values."""
     return _at_points(_gradient_noise, points_m / wavelength_m, seed, 1)[0]
 
 
 def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Divide space into random (Worley) cells of about size_m. Returns for points [n, 3] the
-    distance [n] in metres to the nearest wall of their cell, and a random brightness [n] of the
-    cell, −1 to 1."""
+    """Divide space into random (Worley) cells of about size_m.
+
+    Returns, for points [n, 3], the distance [n] in metres to the nearest wall of the cell around
+    the point, and the random brightness [n] of that cell, −1 to 1.
+    """
     seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
     return size_m * seam, tone
 
@@ -79,8 +84,8 @@ def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, n
 def _at_points(
     kernel: Callable[..., None], points: np.ndarray, seed: int, count: int
 ) -> np.ndarray:
-    """Return `count` values at each point, float32 [count, n], from a compiled kernel that is run
-    on all cores. points [n, 3]: in units of the kernel's lattice."""
+    """Run a compiled texture function on all cores. points [n, 3]: in units of its lattice. Returns
+    float32 [count, n]: `count` values for each point."""
     result = np.empty((count, len(points)), dtype=np.float32)
 
     def work(first: int) -> None:
@@ -93,7 +98,7 @@ def _at_points(
 
 @njit(inline="always")
 def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
-    """A well-mixed 32-bit number of a lattice point."""
+    """Return a pseudo-random 32-bit number of the lattice point (i, j, k) for a seed."""
     h = (
         np.uint32(i * 73856093)
         ^ np.uint32(j * 19349663)
@@ -107,21 +112,22 @@ def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
 
 @njit(inline="always")
 def _fraction(h: np.uint32, shift: int) -> float:
-    """Eight bits of a hash as a number in ±1."""
+    """Return eight bits of the hash h, starting at bit `shift`, as a number from −1 to 1."""
     return ((h >> np.uint32(shift)) & np.uint32(255)) / 127.5 - 1.0
 
 
 @njit(inline="always")
 def _fade(offset: float) -> float:
-    """Quintic weight: 1 at a lattice point, 0 at its neighbours, smooth at both."""
+    """Return the quintic interpolation weight at an offset from a lattice point: 1 at the point, 0
+    at its neighbours, with smooth derivatives at both."""
     f = 1 - abs(offset)
     return f**3 * (10 - 15 * f + 6 * f * f)
 
 
 @njit(nogil=True, cache=True)
 def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Fill in result [0, n] with Perlin's noise at points [n, 3] in lattice units, about ±1: hashed
-    gradients with quintic weights."""
+    """Compute Perlin noise (about ±1) at points [n, 3] in units of its lattice, and write it into
+    result[0]. Gradients at lattice points are hashes, interpolated with quintic weights."""
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -138,8 +144,9 @@ def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> 
 
 @njit(nogil=True, cache=True)
 def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Fill in result [2, n] with Worley's cells at points [n, 3] in lattice units, one random
-    centre per lattice cube: distance to the nearest wall, and brightness of the cell."""
+    """Compute Worley cells at points [n, 3] in units of their lattice, with one random cell centre
+    in each lattice cube. The distance to the nearest wall is written into result[0], and the cell's
+    brightness into result[1]."""
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -175,8 +182,11 @@ NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 @dataclass(frozen=True)
 class Crease:
-    """A fold of the skin across a digit. It lies in the plane through centre_m perpendicular to the
-    unit vector `axis`, on the side to which `palmar` points, within reach_m of its centre."""
+    """A crease of the skin across a digit.
+
+    It lies in the plane through centre_m [3] perpendicular to the unit vector `axis`, on the side
+    of the digit to which `palmar` [3] points, within reach_m of its centre.
+    """
 
     centre_m: np.ndarray
     axis: np.ndarray
@@ -185,9 +195,9 @@ class Crease:
 
 
 class Skin:
-    """Reflectance of a posed hand's skin, with flexion creases, the palm's lines and nails. Call it
-    with points in the hand frame. contrast: strength of texture and creases; seed: of the
-    texture."""
+    """Reflectance of a posed hand's skin, with flexion creases, lines of the palm and nails, as a
+    function of points in the hand frame. contrast: strength of texture and creases, 1 as in nature.
+    seed: of the texture."""
 
     def __init__(self, pose: Pose, contrast: float, seed: int, person: Person = MEAN) -> None:
         self.contrast, self.seed, self.palm = contrast, seed, person.palm
@@ -199,7 +209,7 @@ class Skin:
         self.nails = [(digit[-1], radii_m(name, person)[-1]) for name, digit in bones.items()]
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:
-        """Reflectance [n, 3] at points [n, 3] in the hand frame."""
+        """Compute the reflectance [n, 3] (red, green, blue) at points [n, 3] in the hand frame."""
         reflectance = skin(points_m, self.contrast, self.seed)
         wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, self.seed + 70)
         lines = _palm_lines(points_m @ self.hand_from_palm @ HAND_AXES / self.palm, wobble_m)
@@ -230,8 +240,8 @@ def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]
 
 
 def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Return the depth [n] of the flexion creases at points [n, 3], 0 (none) to 1. wobble_m [n]: by
-    how much the creases are displaced there, so that they are not straight."""
+    """Compute the strength [n] of the flexion creases at points [n, 3], 0 (none) to 1. wobble_m
+    [n]: displacement of the creases at each point, so that they are not straight."""
     fold = np.zeros(len(points_m))
     for crease in creases:
         relative = points_m - crease.centre_m
@@ -243,9 +253,9 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
 
 
 def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Return the depth [n] of the palm's lines, 0 (none) to 1, at points [n, 3] of the mean palm in
-    (radial, distal, palmar) coordinates. wobble_m [n]: displaces the lines, so that they are not
-    straight."""
+    """Compute the strength [n] of the palm's lines at points [n, 3], 0 (none) to 1. The points are
+    (radial, distal, palmar) coordinates, scaled to the mean palm. wobble_m [n]: displacement of the
+    lines at each point, so that they are not straight."""
     radial_distal_palmar = 1e3 * radial_distal_palmar_m
     low, high = PALM_HEIGHT_MM
     on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)
@@ -263,15 +273,16 @@ def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.
 
 
 def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Distance [n] of plane points [n, 2] to a segment."""
+    """Compute the distance [n] of points [n, 2] in a plane to the segment from `start` to `end`."""
     along = end - start
     t = np.clip((points - start) @ along / (along @ along), 0, 1)
     return np.linalg.norm(points - start - t[:, None] * along, axis=1)
 
 
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:
-    """Return the factor [n, 3] by which a nail changes the skin's reflectance at points [n, 3]: a
-    paler plate with a dark border on the back of the end phalanx `bone`."""
+    """Compute the factor [n, 3] by which a nail changes the skin's reflectance at points [n, 3]: a
+    paler plate with a dark border on the back of the digit's last bone. radius_m: of the
+    fingertip."""
     relative = points_m - bone.at(0.80 * bone.length_m)
     along, across = (
         relative @ bone.axis / (0.95 * radius_m),

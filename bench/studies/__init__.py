@@ -1,1 +1,1 @@
-"""Studies: scripts that measure handbench itself."""
+"""Studies: scripts that measure the speed and accuracy of handbench itself."""

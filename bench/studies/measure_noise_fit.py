@@ -1,10 +1,11 @@
-"""The one fitted number: the phase noise at which 2-FSK has a given precision.
+"""Fit of the simulation's phase noise, so that 2-FSK has a given depth precision.
 
-The precision is that of the scenes that measure it and of the benchmark's own repeats, draw for
-draw, so that its table shows the fitted value; --repeats takes more draws than the benchmark does
-and shows how far its few are from many.
+The precision is measured on the benchmark's scenes that measure it, with the same random numbers as
+in the benchmark's own repeats, so that the benchmark's table shows the fitted value. A larger
+number of --repeats shows how well the benchmark's few repeats represent many.
 
-python -m handbench.bench.studies.measure_noise_fit BENCH.toml [--precision-mm 3.6] [--repeats N]
+    python -m handbench.bench.studies.measure_noise_fit
+        BENCH.toml [--precision-mm 3.6] [--repeats N]
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ COLUMNS = (
 
 def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) -> Study:
     """Make the study that finds the phase noise at which 2-FSK has the precision `precision_mm` on
-    a benchmark's scenes. repeats: draws of the noise per scene (None: the benchmark's)."""
+    a benchmark's scenes. repeats: frames with new noise per scene (None: as many as in the
+    benchmark)."""
     return Study(
         "noise-fit",
         [benchmark],
@@ -52,11 +54,13 @@ def study(work: Path, benchmark: str, precision_mm: float, repeats: int | None) 
 
 
 def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
-    """Find the phase noise, rad, at which 2-FSK has the wanted precision: a record for each
-    iteration, then the fitted noise.
-    benchmark: file or name; its scenes that measure the precision are used. repeats: draws of the
-    noise per scene (None: the benchmark's). Raises HandbenchError if no scene measures the
-    precision."""
+    """Find the phase noise in radians at which 2-FSK has the precision wanted_mm. Returns a record
+    for each iteration, and one with the fitted noise.
+
+    benchmark: file, or name of an included one; its scenes that measure the precision are used.
+    repeats: frames with new noise per scene (None: as many as in the benchmark). Raises
+    HandbenchError if no scene measures the precision.
+    """
     config = TwoToneConfig()
     bench, base = load_benchmark(benchmark)
     scenes = []
@@ -83,8 +87,8 @@ def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
 def precision_mm(
     scenes: list[Scene], config: TwoToneConfig, phase_noise_rad: float, repeats: int
 ) -> float:
-    """Simulate scenes `repeats` times with this phase noise, and return the precision of 2-FSK, mm,
-    as the benchmark measures it."""
+    """Simulate `repeats` frames of each scene with this phase noise, and return the depth precision
+    of 2-FSK in mm, computed as in the benchmark."""
     hands = []
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
@@ -96,7 +100,7 @@ def precision_mm(
 
 def main() -> None:
     """Fit the phase noise at which 2-FSK has a given precision on a benchmark's scenes; write and
-    print noise and precision of each iteration."""
+    print the noise and the precision of each iteration."""
     options = parser("measure_noise_fit", "the phase noise at which 2-FSK has a given precision")
     benchmark = "benchmark file, or the name of an embedded one"
     options.add_argument("benchmark", metavar="BENCH.toml", help=benchmark)

@@ -1,13 +1,13 @@
-"""Cameras against a survey: ours and plain COLMAP's from the same photographs, with the same
-knowledge.
+"""Errors of estimated camera positions compared with a survey, for handbench and for COLMAP with
+default options, from the same photographs.
 
-The photographs are those of fountain-P11 (Strecha et al., CVPR 2008) or laid out as they:
-`images/`, `K.txt` and `cameras/NAME.camera`. Both are given the same files. Plain COLMAP is
-pycolmap with its default options and a seed, save that a model may have three images; with K its
-lens is PINHOLE and nothing of it is refined.
+The photographs are those of fountain-P11 (Strecha et al., CVPR 2008), or others in the same layout:
+`images/`, `K.txt` and `cameras/NAME.camera`. Both programs get the same files and the same seed.
+COLMAP runs with pycolmap's default options, except that a model may have only three images. If the
+intrinsics K are given, its lens model is PINHOLE, and no intrinsics are refined.
 
-python -m handbench.bench.studies.measure_survey FOLDER [--counts 11,8,6,5]
-[--shrinks 1,2] [--choices first] [--seeds 1]
+    python -m handbench.bench.studies.measure_survey FOLDER
+        [--counts 11,8,6,5] [--shrinks 1,2] [--choices first] [--seeds 1]
 """
 
 from __future__ import annotations
@@ -39,9 +39,11 @@ JPEG_QUALITY = 95
 
 @dataclass(frozen=True)
 class SurveyCase:
-    """Photographs to reconstruct: their names, shrunk by a whole number.
-    choice: in words, how they were chosen. known: whether the intrinsics K are given. seed: of both
-    reconstructions."""
+    """Photographs to reconstruct.
+
+    names: of the photographs. choice: how they were chosen, in words. shrink: divisor of their
+    width and height. known: True if the intrinsics K are given. seed: of both reconstructions.
+    """
 
     names: tuple[str, ...]
     choice: str
@@ -55,11 +57,14 @@ class SurveyCase:
 
 
 def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, seeds: int) -> Study:
-    """Make the study: ours and plain COLMAP's camera positions on the same photographs, against a
-    survey.
-    photos: folder with images/, K.txt and cameras/. Cases are all combinations of counts of
-    photographs, shrinks, choices (first, last, spread; each a list separated by commas), K given or
-    not, and seeds."""
+    """Make the study that compares camera positions, estimated by handbench and by COLMAP from the
+    same photographs, with a survey.
+
+    work: folder for shrunk photographs. photos: folder with images/, K.txt and cameras/. counts,
+    shrinks, choices: lists separated by commas, of numbers of photographs, divisors of their size,
+    and ways to choose them (first, last, spread). The cases are all combinations of these, of given
+    and unknown intrinsics, and of the seeds 0 to seeds − 1.
+    """
     centres_m = surveyed_centres_m(photos / "cameras")
     images = require_folder(photos / "images", "photographs")
     named = sorted(path.name for path in images.iterdir() if path.name in centres_m)
@@ -90,8 +95,8 @@ def _chosen(names: list[str], count: int, choices: str) -> Iterator[tuple[str, t
 
 
 def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
-    """Read the surveyed projection centres from Strecha's *.camera files: photograph → [3],
-    metres."""
+    """Read the surveyed projection centres from Strecha's *.camera files. Returns centres [3] in
+    metres, by the photograph's name."""
     files = sorted(require_folder(folder, "surveyed *.camera files").glob("*.camera"))
     return {
         file.name.removesuffix(".camera"): np.array(file.read_text().split(), float)[CENTRE]
@@ -102,8 +107,9 @@ def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
 def centre_errors_m(
     model: pycolmap.Reconstruction, surveyed_m: dict[str, np.ndarray]
 ) -> np.ndarray:
-    """Compute the distance [n], metres, of each registered camera's centre from the surveyed one,
-    after the best similarity transform of all centres."""
+    """Compute the distances [n] in metres between the centres of a model's registered cameras and
+    the surveyed ones, after the best similarity transform of all centres. surveyed_m: centres [3]
+    by the photograph's name."""
     ours = np.array([image.projection_center() for image in registered_images(model)])
     theirs = np.array([surveyed_m[image.name] for image in registered_images(model)])
     matrix = umeyama(ours, theirs, with_scale=True)
@@ -113,10 +119,13 @@ def centre_errors_m(
 def measure(
     case: SurveyCase, photos: Path, centres_m: dict[str, np.ndarray], work: Path
 ) -> list[Record]:
-    """Reconstruct one case by handbench and by plain COLMAP, and return the errors: one record
-    each.
-    Without K, plain COLMAP runs twice: with one camera for all photographs, and with one for each,
-    its default. Shrunk photographs are kept in `work`. centres_m: photograph → surveyed centre."""
+    """Reconstruct the photographs of one case with handbench and with COLMAP. Returns a record of
+    the errors for each.
+
+    Without intrinsics, COLMAP runs twice: with one camera for all photographs, and with its default
+    of one camera for each. photos: folder with images/ and K.txt. centres_m: surveyed centres [3]
+    by the photograph's name. work: folder that keeps shrunk photographs.
+    """
     K = np.array((photos / "K.txt").read_text().split(), float) / case.shrink
     intrinsics = (K[0], K[4], K[2], K[5]) if case.known else None
     kept = work / f"1-{case.shrink}"
@@ -148,7 +157,7 @@ def _shrunk(pictures: Path, names: list[str], shrink: int, folder: Path) -> None
 
 def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Reconstruction:
     """Reconstruct the cameras of a folder of photographs as `handbench groundtruth --unscaled`
-    does: a sparse model. intrinsics: fx, fy, cx, cy in pixels, or None."""
+    does, and return the sparse model. intrinsics: fx, fy, cx, cy in pixels (None: unknown)."""
     inputs, options = gather(folder, SparseOptions(intrinsics=intrinsics, unscaled=True, seed=seed))
     return register(inputs, options).model
 
@@ -156,10 +165,12 @@ def ours(folder: Path, intrinsics: Intrinsics | None, seed: int) -> pycolmap.Rec
 def plain(
     folder: Path, database: Path, intrinsics: Intrinsics | None, shared: bool, seed: int
 ) -> pycolmap.Reconstruction:
-    """Reconstruct the cameras of a folder of photographs by pycolmap's own steps; return the model
-    with the most photographs.
-    database: file that COLMAP makes. intrinsics: fx, fy, cx, cy in pixels, or None. shared: one
-    camera for all photographs, or one for each."""
+    """Reconstruct the cameras of a folder of photographs with pycolmap's default steps, and return
+    the model with the most photographs.
+
+    database: file that COLMAP creates. intrinsics: fx, fy, cx, cy in pixels (None: unknown).
+    shared: True for one camera that took all photographs, False for one camera each.
+    """
     pycolmap.set_random_seed(seed)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     reader = pycolmap.ImageReaderOptions()
@@ -203,7 +214,7 @@ def _record(
 
 
 def main() -> None:
-    """Measure the error of camera positions against a survey, by handbench and by plain COLMAP, for
+    """Measure the error of camera positions compared with a survey, for handbench and COLMAP, for
     several numbers, sizes and choices of photographs; write and print the table."""
     options = parser("measure_survey", "cameras against a survey, ours and plain COLMAP's")
     holds = "holds images/, K.txt and cameras/NAME.camera"

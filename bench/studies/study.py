@@ -1,10 +1,12 @@
-"""One study: cases → measure(case) → tables, with what they stand on.
+"""Framework of the studies: cases are measured one by one, and the records become tables and files.
 
-A study's script has what is its own: a function of one case, and the columns of what it returns.
-`measured` does the rest: options, progress, the failures of single cases, and the files.
+A study's script has only a function that measures one case, and the columns of its records.
+`measured` does the rest: command line, progress, failures of single cases, and three files, named
+after the study:
 
-STEM.csv   the first table, values as they are
-STEM.json  command, seed, minutes, load, machine, versions, definitions, every table, failures
+    NAME.csv   the first table, with unrounded values
+    NAME.json  command, seed, minutes, load, machine, versions, definitions, all tables, failures
+    NAME.md    the tables that the terminal shows, for a page
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from handbench.radar.imaging.device import describe, use_device
 from handbench.radar.warmup import compile_kernels
 from handbench.support.cost import calibrated_machine
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_json
+from handbench.support.files import atomic_path, write_json, write_text
 from handbench.support.progress import say, track
 from handbench.support.store import versions
 
@@ -37,9 +39,12 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Table:
-    """Records to be written as one table, with their columns.
-    by: a column; the terminal shows one table for each of its values. shown: False: only in the
-    files, not in the terminal. note: text below the table."""
+    """Records that are written and printed as one table.
+
+    columns: definitions of the columns. by: name of a column; a separate table is printed for each
+    of its values. shown: False if the table is only written to the files. note: text below the
+    table.
+    """
 
     name: str
     columns: Sequence[Column]
@@ -50,11 +55,11 @@ class Table:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """The records as a DataFrame, one column for each declared one; missing values are NaN."""
+        """The records as a DataFrame with the declared columns; missing values are NaN."""
         return pd.DataFrame(self.records, columns=[column.name for column in self.columns])
 
     def markdown(self) -> str:
-        """Return the table as Markdown text, without the columns that no record fills."""
+        """Return the table as Markdown text, without columns that are empty in all records."""
         groups = dict.fromkeys(record.get(self.by) for record in self.records)
         parts = [self._part([r for r in self.records if r.get(self.by) == g], g) for g in groups]
         return "\n".join([*parts, *filter(None, [self.note])])
@@ -77,9 +82,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Study:
-    """A study: cases that are measured one after the other, and the tables that the results make.
-    name: of its files. measure: case → record (values by column) or records. tables: all records →
-    tables, the first of which becomes the CSV file. label: case → its name in words."""
+    """A study: cases that are measured one after another, and the tables made of the results.
+
+    name: of its files. measure: function of a case that returns one record (values by column) or
+    several. tables: function of all records that returns the tables; the first one becomes the CSV
+    file. label: function of a case that returns its name. seed: recorded in the files.
+    """
 
     name: str
     cases: Sequence[Any]
@@ -90,16 +98,19 @@ class Study:
 
 
 def parser(module: str, purpose: str) -> argparse.ArgumentParser:
-    """Return the parser of a study's command line. module: the script's name below
-    `bench.studies`."""
+    """Return the parser of the command line of a study's script. module: name of the script below
+    `bench.studies`; purpose: shown in its help."""
     return argparse.ArgumentParser(prog=f"python -m {__package__}.{module}", description=purpose)
 
 
 def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name: str) -> None:
-    """Run a study's script: parse the command line, measure, write the files, print the tables.
-    parser: with the script's own options, which are passed to `study` after the folder for its
-    work. Files go to the folder of -o (default runs/NAME). A known error, and failed cases, end the
-    program with one line and exit code 2."""
+    """Run a study's script: parse the command line, measure the cases, write the files and print
+    the tables.
+
+    parser: with the script's own options, which are passed to `study` after its work folder. name:
+    of the default folder for the files, runs/NAME (option -o). A known error or failed cases end
+    the program with a one-line message and exit code 2.
+    """
     default = Path("runs") / name
     parser.add_argument("-o", "--out", type=Path, default=default, help=f"default {default}")
     holding = "the cases whose name holds TEXT"
@@ -111,9 +122,7 @@ def measured(parser: argparse.ArgumentParser, study: Callable[..., Study], name:
             made = study((out.parent if out.suffix == ".json" else out) / "work", **given)
             command = f"{parser.prog} {shlex.join(sys.argv[1:])}".strip()
             tables, failures = run(made, out, command, only)
-            for table in tables:
-                if table.shown and table.records:
-                    print(table.markdown())
+            print(markdown(tables))
         if failures:
             raise HandbenchError(
                 f"{len(failures)} of {len(made.cases)} cases failed; the reasons are above and "
@@ -127,11 +136,12 @@ def run(
     study: Study, out: Path, command: str = "", only: str = ""
 ) -> tuple[list[Table], dict[str, str]]:
     """Measure the cases whose label contains `only`, and write the study's files.
-    out: a folder, or the path of the JSON file, beside which the CSV file then stands. command:
-    recorded in the files. A case that fails is printed, and the others go on.
 
-    Returns the tables, and label → message of the failed cases. Raises HandbenchError if no case is
-    chosen or every case fails.
+    out: a folder, or the path of the JSON file, next to which the CSV file is written. command:
+    recorded in the files. A failed case is printed, and the others are still measured.
+
+    Returns the tables, and the error messages of failed cases by label. Raises HandbenchError if no
+    case is selected, or if all fail.
     """
     start, load = time.perf_counter(), os.getloadavg()
     compile_kernels()
@@ -168,8 +178,9 @@ def run(
 
 
 def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
-    """Write STEM.csv, the first table, and STEM.json: facts, the columns' meanings, and all
-    tables."""
+    """Write the first table as a CSV file, all tables as a JSON file, with the facts of the run and
+    the definitions of the columns, and as Markdown, to be read. out: a folder, in which the files
+    get the study's name, or the path of the JSON file."""
     stem = out.with_suffix("") if out.suffix == ".json" else out / study.name
     with atomic_path(stem.with_suffix(".csv")) as temporary:
         tables[0].frame.to_csv(temporary, index=False, lineterminator="\n")
@@ -182,8 +193,15 @@ def write(study: Study, tables: list[Table], facts: Record, out: Path) -> None:
         for table in tables
     }
     write_json(stem.with_suffix(".json"), {**facts, "definitions": definitions, **content})
+    write_text(stem.with_suffix(".md"), markdown(tables))
+
+
+def markdown(tables: Sequence[Table]) -> str:
+    """Return the tables that are shown and have records as Markdown text."""
+    return "\n".join(table.markdown() for table in tables if table.shown and table.records)
 
 
 def relative_error(found: np.ndarray, exact: np.ndarray) -> float:
-    """Compute the relative L2 error: the norm of found − exact, divided by the norm of exact."""
+    """Compute the relative L2 error of an array: the norm of found − exact, divided by that of
+    exact."""
     return float(np.linalg.norm(found.astype(np.complex128) - exact) / np.linalg.norm(exact))

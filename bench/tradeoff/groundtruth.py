@@ -1,5 +1,6 @@
-"""The ground-truth section: number of photographs × their size × quality of the depth maps, and the
-distance of the measured surface to the true one."""
+"""The trade-off's section on ground truth: photogrammetry with different numbers of photographs,
+sizes of photographs and qualities of depth maps. The error is the distance of the reconstructed
+surface from the true one."""
 
 import tempfile
 from collections.abc import Iterator
@@ -44,11 +45,13 @@ Grid = tuple[np.ndarray, np.ndarray, np.ndarray]  # x_m [nx], y_m [ny], z_m [ny,
 
 
 def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
-    """Reconstruct photographs by every setting, and measure the surface's distance from the true
-    one.
-    The first capture with photographs and a true surface is used; HandbenchError if there is none.
-    A setting whose reconstruction is refused has no error and no time. Settings that differ only in
-    quality share the cameras' poses, whose time counts for each."""
+    """Reconstruct a surface from photographs by every setting of the sweep, and measure its
+    distance from the true surface, and the time.
+
+    The first capture with photographs and a true surface is used. A setting whose reconstruction
+    fails has neither error nor time. Settings that differ only in quality share the cameras' poses,
+    whose time counts for each of them. Raises HandbenchError if there is no such capture.
+    """
     for recorded in (open_capture(each.folder) for each in inputs.captures):
         pictures, surface, transform = (
             recorded.photos,
@@ -118,10 +121,13 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
 def radar_side(
     surface: TriangleMesh, radar_from_photo: Transform, box_m: np.ndarray | None
 ) -> Grid:
-    """Sample the side of the true surface that the radar sees, by rays along +z on a grid of steps
+    """Sample the side of the true surface that the radar sees, by rays along +z with a spacing of
     GRID_M.
-    Returns x_m [nx], y_m [ny] and the depth of the first intersection z_m [ny, nx], radar frame;
-    NaN outside the surface and outside the crop box box_m [2, 3] of the photo frame."""
+
+    Returns x_m [nx], y_m [ny] and the depth z_m [ny, nx] at which each ray first meets the surface,
+    in the radar frame. z_m is NaN where a ray misses the surface, and outside the crop box box_m
+    [2, 3] (least and largest corner in the photo frame; None: no box).
+    """
     low, high = surface.get_min_bound()[:2], surface.get_max_bound()[:2]
     x_m, y_m = (np.arange(a, b, GRID_M) for a, b in zip(low, high, strict=True))
     z_m = depth_on_grid(surface, x_m, y_m)
@@ -135,14 +141,15 @@ def radar_side(
 
 
 def spread(photos: tuple[Photo, ...], count: int) -> tuple[Photo, ...]:
-    """Choose `count` of the photographs, evenly spaced in their order, which on a rig goes around
-    the target."""
+    """Choose `count` of the photographs, evenly spaced in their order. On a rig, this order goes
+    around the target."""
     return tuple(photos[i * len(photos) // count] for i in range(count))
 
 
 def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
-    """Write the photographs, reduced to a longer side of at most `long_px` pixels, with the other
-    files of their folder: the cameras, with intrinsics scaled by the same factor, and the board."""
+    """Write smaller copies of photographs to a folder, with a longer side of at most `long_px`
+    pixels. The descriptions beside them are written too: cameras.json, with the intrinsics scaled
+    like the photographs, and board.toml."""
     from PIL import Image
 
     folder.mkdir(parents=True)
@@ -171,10 +178,12 @@ def shrink(photos: tuple[Photo, ...], long_px: int, folder: Path) -> None:
 
 
 def distances(surface: Surface, truth: RaycastingScene, side: Grid) -> ErrorMap:
-    """Compute the distances of a reconstruction's points from the true surface, metres, as an
-    ErrorMap whose error_m holds them.
-    surface: the reconstruction, radar frame. truth: the true surface, for ray casting. side: from
-    `radar_side`, which says where the true surface is seen."""
+    """Compute the distances of a reconstructed surface's points from the true surface, metres: an
+    `ErrorMap` with these in error_m.
+
+    surface: the reconstruction, radar frame. truth: the true surface, for distances. side: grid of
+    points where the radar sees the true surface, from `radar_side`.
+    """
     x_m, y_m, z_m = side
     found_m = reference_on_grid(surface, x_m, y_m).z_m
     points_m = np.stack([*np.meshgrid(x_m, y_m), found_m], axis=-1)

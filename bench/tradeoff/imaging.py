@@ -1,5 +1,5 @@
-"""The imaging section: every setting's error and time; and the paper's claim that 3-FSK needs about
-a thousandth of broadband's operations, counted and measured.
+"""The trade-off's section on imaging: error and time of every setting; and the paper's claim that
+3-FSK needs about a thousandth of broadband's operations, counted and measured.
 
 Counted are complex multiplications, each with its addition, of the sums in the formulas. An image
 at a point sums samples times phases over tones and channels (C = transmitters × receivers):
@@ -11,9 +11,10 @@ at a point sums samples times phases over tones and channels (C = transmitters �
 
 The steps after the images (phases, filters, projection) do not sum over channels, take thousands of
 times fewer operations, and are not counted. `radar.imaging.api.count_imaging` counts the operations
-of a frame, with the passes and points of its echoes. The engine makes the same images with fewer
-operations, which are not counted. Times are measured against two baselines: the exact sum for both
-methods (for the volume, a few planes, scaled); and this engine.
+for a frame, with the number of passes and points that its echoes require. Fast imaging computes the
+same images with fewer operations, which are not counted. Ratios of times are measured in three
+ways: exact sums for both methods (for the volume, a few planes, scaled), fast imaging for both, and
+the exact volume against fast 3-FSK.
 """
 
 import ctypes
@@ -65,8 +66,10 @@ TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
     """Measure the error and the time of every imaging setting, on the captures that all of them can
     image.
-    Settings and captures that fail are left out as in a run's table. Raises HandbenchError if
-    nothing remains."""
+
+    Settings and captures that fail are left out by the same rules as in the table of a run. Raises
+    HandbenchError if nothing remains.
+    """
     sweep, scored = inputs.sweep, protocol(inputs.bench.protocol)
     settings = {s.name: s for s in imaging_settings(sweep, known_configs(inputs.bench.method))}
     failures = list(inputs.found.failures)
@@ -74,13 +77,15 @@ def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
 
     @cache
     def reference(capture: str, x_m: tuple[float, ...], y_m: tuple[float, ...]) -> Reference:
-        """The reference's depth on a grid, computed once per grid."""
+        """Return the reference's depths on the pixels x_m × y_m of a capture, computed once for
+        each grid."""
         mesh, transform = inputs.found.references[capture][inputs.reference]
         grid = PixelGrid(np.array(x_m), np.array(y_m))
         return reference_of_file(mesh, transform, grid, exact=inputs.reference == "truth")
 
     def frames_of(setting: ImagingSetting) -> Iterator[dict[str, Any]]:
-        """One line per capture that the setting can image; a failed capture is not tried again."""
+        """Yield the figures and times of the setting, as one dictionary for each capture that it
+        can image. A capture that has failed is not tried again."""
         with fresh_plans():
             for capture in inputs.captures:
                 key = capture.name, setting.name
@@ -118,10 +123,13 @@ def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict[str, float]]:
-    """Image a capture's first frame twice by a setting; return its depth map and its times by name.
-    The first image also prepares (plans) the fast imaging. seconds: of the second image; imaging_s:
-    those of them spent on the images themselves; plan_s: extra time of the first one; memory_mb: by
-    how much the first one raised the resident memory; terms, tones: numbers of the images' sums."""
+    """Image a capture's first frame twice by a setting: (depth map, times and other numbers by
+    name). The first image includes the preparation (plan) of fast imaging.
+
+    seconds: time of the second image; imaging_s: the part of it spent on sums of samples; plan_s:
+    extra time of the first image; memory_mb: by how much the first image raised the resident
+    memory; terms, tones: numbers of products and of tones in the sums.
+    """
     config = configuration(capture.folder, setting.method, setting.config)
     echoes = open_capture(capture.folder).echoes(1)
     task = prepare(
@@ -147,10 +155,12 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
 def _line(
     about: Section, setting: ImagingSetting, frames: pd.DataFrame, names: set[str], step_s: float
 ) -> Setting:
-    """Make a setting's line from the lines of its frames.
-    names: captures that count. Times are the median over the captures in each round, then over the
-    rounds; step_s: time to record one tone. The longest plan of a round counts, since captures may
-    share a plan."""
+    """Make the row of a setting in the section's table from the results of its frames.
+
+    names: the captures that count. A time is the median over the captures in each round, then over
+    the rounds. For the plan, the longest time of a round is used instead, since captures may share
+    a plan. step_s: time that the radar takes to record one tone.
+    """
     used = frames[frames.capture.isin(names)]
     rounds = used.groupby("round")
     part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
@@ -194,10 +204,13 @@ def _claims(
     inputs: TradeoffInputs,
 ) -> tuple[Claim, ...]:
     """Measure how many times as long broadband backprojection takes as 3-FSK, which the paper
-    states.
-    There is a claim with exact sums for both, with the fast engine for both, and with the engine
-    for 3-FSK only; none if the sweep lacks one of the methods. Exact sums are timed in turns on one
-    capture; those of the volume on its middle planes, and scaled to all."""
+    claims to be about a thousand.
+
+    The factor is measured with exact sums for both, with fast imaging for both, and with fast
+    imaging for 3-FSK only: a claim for each, or none if the sweep lacks one of the methods. Exact
+    sums are timed in turns on one capture; for the volume, only its middle planes are summed, and
+    the time is scaled to all.
+    """
     chosen = {id: s for id in (FSK, VOLUME) if (s := _most_accurate(settings, id)) is not None}
     if len(chosen) < 2:
         return ()
@@ -255,14 +268,15 @@ def _claims(
 
 
 def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSetting | None:
-    """Return a method's setting with all antennas, the fewest varied parameters and then the finest
-    tolerance; None if it has none."""
+    """Return the setting of a method with all antennas that has the fewest varied parameters and,
+    among those, the finest tolerance; None if there is none."""
     own = [s for s in settings if s.method == id and s.every_nth_antenna == 1]
     return min(own, key=lambda s: (len(s.varied), s.config.get("tolerance", 0)), default=None)
 
 
 def counted_factor(volume: BroadbandConfig, fsk: ThreeToneConfig) -> float:
-    """Count how many times as many operations a volume's plain sum needs as the paper's 3-FSK with
-    every pixel above the threshold: 2 passes of 2 tones, then 3 tones."""
+    """Return how many times as many operations the exact sum of a volume needs as the paper's
+    3-FSK. For 3-FSK, every pixel is above the threshold: 2 passes of 2 tones, then 3 tones for each
+    refinement."""
     images = 2 * PASSES + 3 * fsk.fine_refinements
     return len(volume.tones_hz()) * prod(volume.grid().shape) / (images * prod(fsk.grid().shape))

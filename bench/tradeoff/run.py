@@ -1,4 +1,5 @@
-"""The sweep: its sections one after the other, and the trade-off folder."""
+"""The measurement of a trade-off: its sections one after the other, and the folder with the
+results."""
 
 import os
 import shutil
@@ -66,12 +67,17 @@ def run(
     sections: tuple[str, ...] | None = None,
     overwrite: bool = False,
 ) -> Tradeoff:
-    """Measure a trade-off, error against time of many settings, into a folder, and return it.
-    bench: the benchmark with its sweep, whose paths start from `base`. sections: only these. A
-    folder that holds the same trade-off, of the same inputs and versions, is only read. overwrite:
-    measure anew, and replace another trade-off.
-    Raises HandbenchError if the folder holds something else, the predicted time is too long, or all
-    sections fail."""
+    """Measure a trade-off, error against time of many settings, write it to a folder, and return
+    it.
+
+    bench: the benchmark with its sweep of settings, whose paths are relative to `base`. sections:
+    the sections to measure (None: those of the sweep). If the folder has the same trade-off, from
+    the same inputs and versions, it is only read. overwrite: measure anew, and replace another
+    trade-off.
+
+    Raises HandbenchError if the folder has other contents, the predicted time is too long, or all
+    sections fail.
+    """
     sweep = complete_sweep(bench.tradeoff)
     if sections is not None:
         sweep = parse(TradeoffSweep, {**sweep.model_dump(), "sections": sections}, "--sections")
@@ -100,8 +106,9 @@ def run(
 
 
 def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
-    """Return whether the folder already has this configuration. Raises HandbenchError if it has
-    another one (unless `overwrite`) or a run's results."""
+    """Return True if the folder already has a trade-off with this configuration. Raises
+    HandbenchError if it has one with another configuration (unless `overwrite`), or the results of
+    a run."""
     if (folder / "result.json").exists():
         raise HandbenchError(
             f"{folder}: holds the results of `handbench run`; choose another "
@@ -118,11 +125,13 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
 
 
 def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
-    """Open or simulate the captures of a trade-off and find the surfaces that they are scored
-    against.
-    Photographs become meshes only if a capture has no true surface. If all captures are scenes,
-    which have one, only the first is photographed, and only if the ground truth is swept. work:
-    folder of the run's steps. Raises HandbenchError if no capture can be scored."""
+    """Open or simulate the captures of a trade-off, and find the surfaces that they are scored
+    against. work: folder of the run's stages.
+
+    Meshes are reconstructed from photographs only if a capture has no true surface. Scenes have
+    one: if all captures are scenes, only the first is photographed, and only for the section on
+    ground truth. Raises HandbenchError if no capture can be scored.
+    """
     assert bench.tradeoff is not None
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
@@ -160,8 +169,9 @@ def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
 
 
 def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], dict[str, Any]]:
-    """Measure the sections one after the other; return them, with the front marked, and facts about
-    them. A section that fails is reported and recorded; if all fail, a HandbenchError is raised."""
+    """Measure the sections one after the other: (sections, with the settings on the front marked,
+    facts for the result). A section that fails is reported and recorded. Raises HandbenchError if
+    all fail."""
     found: list[MeasuredSection] = []
     failed: dict[str, str] = {}
     for name in inputs.sweep.sections:
@@ -198,8 +208,8 @@ def _write(
     measured: list[MeasuredSection],
     facts: dict[str, Any],
 ) -> None:
-    """Write the trade-off folder. Earlier figures are removed only when the new ones are complete;
-    tradeoff.json is written last. config: text of config.toml."""
+    """Write the folder of a trade-off. Earlier results are removed first, once the new ones are
+    complete; tradeoff.json is written last. config: text of config.toml."""
     drop(folder, FILES)
     write_config(folder, config)
     for one in measured:
@@ -220,14 +230,17 @@ def _write(
 
 
 def setting_path(folder: Path, name: str) -> Path:
-    """The path of a setting's file in a trade-off folder."""
+    """Return the path of a setting's benchmark file in the folder of a trade-off."""
     return folder / SETTINGS / f"{name}.toml"
 
 
 def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSection) -> None:
-    """Write settings/NAME.toml. A benchmark reads only its own folder, so the captures and the
-    calibration's targets are put there too, as hard links, or as copies if the file system has
-    none."""
+    """Write each imaging setting as a benchmark file that can be run, settings/NAME.toml.
+
+    A benchmark may read only files below its own folder. The scored captures and those of the
+    calibration target are therefore put there too, as hard links, or as copies if the file system
+    has none.
+    """
     captures, targets = (
         _link_captures(some, folder / SETTINGS, inputs)
         for some in (inputs.captures, inputs.targets)
@@ -256,10 +269,12 @@ def _write_settings(folder: Path, inputs: TradeoffInputs, imaging: MeasuredSecti
 def _link_captures(
     captures: Iterable[RunCapture], into: Path, inputs: TradeoffInputs
 ) -> tuple[Source, ...]:
-    """Put the captures into a folder, as hard links or copies; return them as entries of a
+    """Put captures into the folder `into`, as hard links or copies, and return them as entries of a
     benchmark file.
-    A recorded capture keeps its path, from which some data sets take names; a simulated one gets
-    its name."""
+
+    A recorded capture keeps its relative path, from which some data sets take names; a simulated
+    one gets its name as path.
+    """
     sources = []
     for capture in captures:
         folder = capture.folder.resolve()

@@ -1,13 +1,14 @@
-"""The settings of a trade-off: measuring them in rounds, the front, and the choice of a setting.
+"""The settings of a trade-off: their measurement in rounds, the front of the best ones, and the
+choice of one.
 
 The front consists of the settings that no other beats: no other is at least as fast, as accurate
 and as complete, and better in one of these. A map that shows twice as much of a hand is not beaten
-by a more accurate one of half of it.
+by a more accurate map of half of it.
 
-The answer to a question is the cheapest setting that is accurate enough, or the most accurate one
-that is fast enough. A setting is judged by the upper end of its error's interval, and by a tenth
-more than its slowest round, so that a later run keeps the promise. Too few captures have no
-interval; then the error itself is used.
+The chosen setting is the cheapest one that is accurate enough, or the most accurate one that is
+fast enough. A setting is judged by the upper end of its error's interval, and by a time a tenth
+longer than its slowest round, so that a later run stays within the limits. With too few captures
+for an interval, the error itself is used.
 """
 
 import json
@@ -39,11 +40,13 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class TradeoffInputs:
-    """What every section of a trade-off starts from.
-    bench: the benchmark, with its sweep; base: folder from which its paths start; work: folder of
-    the run's steps. found: captures, references and failures of a run without methods. reference:
-    name of the surface that errors refer to. targets: captures of the calibration target, if
-    photographs are scored against."""
+    """The inputs of every section of a trade-off.
+
+    bench: the benchmark with its sweep of settings; base: folder to which its paths are relative;
+    work: folder of the run's stages. found: captures, references and failures of a run without
+    methods. reference: name of the surface that errors are measured from. targets: captures of the
+    calibration target, if that surface comes from photographs.
+    """
 
     bench: BenchFile
     base: Path
@@ -54,13 +57,13 @@ class TradeoffInputs:
 
     @property
     def sweep(self) -> TradeoffSweep:
-        """The benchmark's sweep."""
+        """The settings that the benchmark varies."""
         assert self.bench.tradeoff is not None  # `run` has completed it
         return self.bench.tradeoff
 
     @property
     def captures(self) -> list[RunCapture]:
-        """The captures that have the reference."""
+        """The captures that have a reference surface."""
         return [
             c
             for c in self.found.captures
@@ -70,9 +73,12 @@ class TradeoffInputs:
 
 @dataclass(frozen=True)
 class MeasuredSection:
-    """A measured section of a trade-off: one stage, with a line for each of its settings.
-    For imaging also: facts on what was left out, the paper's claims on time, and the settings as
-    benchmarks that can be run."""
+    """A measured section of a trade-off: one step, such as imaging, with a row for each of its
+    settings.
+
+    The section on imaging also has facts about what was left out, the paper's claims on time, and
+    the settings as benchmarks that can be run.
+    """
 
     section: Section
     lines: list[Setting]
@@ -82,9 +88,11 @@ class MeasuredSection:
 
 
 def section(name: SectionName, reference: str, words: dict[str, Any]) -> Section:
-    """Read a section's title, metric and definition from sections.toml.
-    reference: the setting to which ratios of times refer. words: name → text, filled into the
-    definition."""
+    """Read the title, metric and definition of a section from sections.toml.
+
+    reference: the setting relative to which ratios of times are given. words: name → text, for the
+    placeholders in the definition.
+    """
     about = tomllib.loads(Path(__file__).with_name("sections.toml").read_text("utf-8"))[name]
     about["definition"] = about["definition"].format(**words)
     return Section(name=name, reference=reference, **about)
@@ -96,18 +104,18 @@ def in_rounds(
     measure: Callable[[T], Iterable[dict[str, Any]]],
     title: str,
 ) -> dict[str, list[dict[str, Any]]]:
-    """Measure every setting once per round, so that a machine that slows down affects all of them
-    equally.
+    """Measure every setting once per round, so that a machine that becomes slower affects all
+    settings equally.
 
     Args:
         settings: name → setting.
-        rounds: how often each is measured.
-        measure: takes a setting, returns its lines (dictionaries): one, several (of captures, for
-        instance), or none if it is refused.
-        title: of the progress.
+        rounds: how many times each setting is measured.
+        measure: function from a setting to its results (dictionaries): one, several (for instance
+            one per capture), or none if the setting fails.
+        title: title of the progress bar.
 
     Returns:
-        name → the setting's lines, each with its `round`, from 0.
+        name → the setting's results, each with its `round`, from 0.
     """
     lines: dict[str, list[dict[str, Any]]] = {name: [] for name in settings}
     for number in range(rounds):
@@ -117,15 +125,15 @@ def in_rounds(
 
 
 def timed(work: Callable[[], Value]) -> tuple[Value, float]:
-    """Call `work`; return its result and the seconds that it took."""
+    """Call `work`: (its result, the seconds that it took)."""
     start = time.perf_counter()
     return work(), time.perf_counter() - start
 
 
 @contextmanager
 def added_memory() -> Iterator[Cost]:
-    """Yield the cost of a block, known at its end; its memory is what the block added to the
-    resident memory at most, MB."""
+    """Yield the cost of a `with` block, which is known at its end. Its peak_memory_mb is the
+    largest amount, in MB, by which the block raised the resident memory."""
     before_mb = Process().memory_info().rss / 1e6
     with measured() as cost:
         yield cost
@@ -142,10 +150,12 @@ def line(
     seconds: Sequence[float] = (),
     **known: float | None,
 ) -> Setting:
-    """Make a setting's line from its error and its times.
-    knobs: the setting's parameters. interval: of the error. seconds: a time for each round; their
-    median, and with several also their range, are recorded. known: further columns. Ratio and front
-    are filled in by `rank`."""
+    """Make the row of a setting in a section's table, from its error and its times.
+
+    of: the section. knobs: the setting's parameters. interval: that of the error. seconds: one time
+    for each round; their median is recorded and, if there are several, their range. known: values
+    of further columns. The ratio of times and the place on the front are added by `rank`.
+    """
     low, high = interval or (None, None)
     times = {"seconds": float(np.median(seconds)) if len(seconds) else None}
     if len(seconds) > 1:
@@ -156,8 +166,8 @@ def line(
 
 
 def dominates(one: Setting, other: Setting) -> bool:
-    """Return whether `one` is at least as fast, accurate and complete as `other`, and better in one
-    of these; False if either lacks an error or a time."""
+    """Return True if `one` is at least as fast, accurate and complete as `other`, and better in one
+    of these; False if either has no error or no time."""
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     if None in (*ours, *theirs) or ours == theirs:
         return False
@@ -165,8 +175,9 @@ def dominates(one: Setting, other: Setting) -> bool:
 
 
 def front(settings: Iterable[Setting]) -> list[Setting]:
-    """Return the settings that no other dominates (is at least as fast, accurate and complete, and
-    better in one), fastest first. Settings without error or time are left out."""
+    """Return the settings that no other dominates, fastest first: no other is at least as fast,
+    accurate and complete, and better in one of these. Settings without error or time are left
+    out."""
     known = [s for s in settings if s.error is not None and s.seconds is not None]
     return sorted(
         (s for s in known if not any(dominates(t, s) for t in known)),
@@ -175,10 +186,13 @@ def front(settings: Iterable[Setting]) -> list[Setting]:
 
 
 def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
-    """Return one section's settings with their time relative to the reference's (ratio) and their
-    place: on the front of all settings, on the front of their method, or dominated by which one.
-    reference: name of the setting. If several dominate one, the most accurate one on the front is
-    named."""
+    """Return the settings of one section with the ratio of their time to that of the setting
+    `reference`, and with their rank.
+
+    The rank tells whether a setting is on the front of all settings, whether it is on the front of
+    those of its method, and which setting dominates it. If several do, it is the most accurate of
+    them on the front.
+    """
     best = front(settings)
     own = [
         s
@@ -197,7 +211,8 @@ def rank(settings: Sequence[Setting], reference: str) -> list[Setting]:
 
 
 def with_acquisition(settings: Iterable[Setting]) -> list[Setting]:
-    """Return the settings whose acquisition time is known, with it added to their seconds."""
+    """Return the settings whose acquisition time (that to record the echoes) is known, with this
+    time added to their seconds."""
     known = [(s, s.acquisition_s) for s in settings if s.acquisition_s is not None]
     times = ("seconds", "seconds_low", "seconds_high")
     return [
@@ -212,11 +227,13 @@ def answer(
     max_seconds: float | None = None,
     count_acquisition: bool = False,
 ) -> tuple[Setting, str]:
-    """Choose an imaging setting for a largest error, a longest time, or both; return it, and the
-    question in words.
-    With a largest error it is the cheapest that keeps to the limits, with only a longest time the
-    most accurate. count_acquisition: the time to record the echoes counts too. Raises
-    HandbenchError if no setting keeps to the limits, naming the nearest."""
+    """Choose an imaging setting within a largest error, a longest time, or both: (setting, question
+    in words).
+
+    With a largest error, the cheapest setting within the limits is chosen; with only a longest
+    time, the most accurate. count_acquisition: the time to record the echoes counts too. Raises
+    HandbenchError, which names the nearest setting, if none is within the limits.
+    """
     settings = [
         s for s in tradeoff.section("imaging") if s.error is not None and s.seconds is not None
     ]
@@ -233,7 +250,8 @@ def answer(
     asked = " and ".join(limits)
 
     def excess(s: Setting) -> float:
-        """The largest factor by which the setting exceeds a limit; at most 1: it keeps to all."""
+        """Return the largest factor by which the setting exceeds a limit; it is at most 1 if the
+        setting is within all limits."""
         error_mm = s.error if s.high is None else s.high
         factors = [error_mm / max_error_mm] if max_error_mm is not None else []
         return max(

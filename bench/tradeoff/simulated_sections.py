@@ -1,6 +1,9 @@
-"""The sections that simulate their own scenes. Simulation: sampling × effects that are on, compared
-with the finest sampling and all effects. Registration: number of captures of the calibration target
-that are combined, and the transform's error where hands are."""
+"""The trade-off's sections that simulate their own scenes, for simulation and for registration.
+
+Simulation: how finely surfaces are sampled and which effects are on, compared with the finest
+sampling and all effects. Registration: how many captures of the calibration target are combined,
+and the error of the transform at points where hands are.
+"""
 
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -47,9 +50,12 @@ NEAR_M = 0.03  # depths are compared as far along the cylinders, where their end
 
 @dataclass(frozen=True)
 class SimulationVariant:
-    """One way to simulate: how finely surfaces and antennas are sampled, and which effects are
-    simulated. Effects are chosen by those left out (`without`), or automatically with a tolerance
-    in mm."""
+    """One setting of the simulation: how finely surfaces and antennas are sampled, and which
+    effects are on.
+
+    All effects are on except those in `without`. If tolerance_mm is given, the effects are chosen
+    automatically with this tolerance instead.
+    """
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
@@ -59,7 +65,7 @@ class SimulationVariant:
 
     @property
     def words(self) -> str:
-        """The sampling, where it is not the default, and the effects, in words."""
+        """The setting in words: the sampling, if it is not the default, and the effects."""
         words = {
             "facets_per_wavelength": "{:g} facets per wavelength",
             "mirrors_per_wavelength": "{:g} mirrors per wavelength",
@@ -78,12 +84,12 @@ class SimulationVariant:
 
     @property
     def name(self) -> str:
-        """The setting's name, as 2-facets-all-effects."""
+        """The setting's name for files and tables, for example 2-facets-all-effects."""
         return self.words.replace(" per wavelength", "").replace(",", "").replace(" ", "-")
 
     @property
     def knobs(self) -> dict[str, Any]:
-        """Parameter → value, of those that are not the defaults."""
+        """The parameters whose values are not the defaults: name → value."""
         return {
             key: value
             for key, value in asdict(self).items()
@@ -91,7 +97,8 @@ class SimulationVariant:
         }
 
     def simulate(self, target: Body) -> RadarCapture:
-        """Simulate the echoes of one frame of a target before the array."""
+        """Simulate the capture of one frame of a target in front of the array of the paper's
+        radar."""
         scene = EchoScene(
             qar50(),
             TONES_HZ,
@@ -104,7 +111,7 @@ class SimulationVariant:
         return simulate_scene(scene, self.choices(scene)).capture
 
     def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
-        """Return for each effect whether it is simulated in a scene, and why."""
+        """Return one row for each effect: whether it is on in the scene, and why."""
         if self.tolerance_mm is not None:
             return choose(scene, "auto", self.tolerance_mm)
         left = [
@@ -118,9 +125,11 @@ class SimulationVariant:
 
 
 def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
-    """Measure time and error of every way to simulate, on scenes of cylinders.
-    The error is the depth difference to the finest sampling with all effects, which is simulated
-    once. The ways are timed in turns."""
+    """Measure the time and the error of every setting of the simulation, on scenes of cylinders.
+
+    The error is the difference of the depths from those with the finest sampling and all effects,
+    which is simulated once. The settings are timed in turns.
+    """
     knobs = inputs.sweep.simulation
     bodies = [
         body(SCENES[scene], material) for scene, material in map(NAMED.__getitem__, knobs.scenes)
@@ -154,7 +163,7 @@ def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
-    """List the ways to simulate that the sweep asks for, without duplicates."""
+    """List the settings of the simulation that the sweep asks for, without duplicates."""
     facets, mirrors, nodes = (
         knobs.facets_per_wavelength,
         knobs.mirrors_per_wavelength,
@@ -174,16 +183,16 @@ def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
 
 
 def depths_m(capture: RadarCapture) -> np.ndarray:
-    """Image a capture by 3-FSK; return the depths, metres, in the middle of the cylinders, away
-    from their ends."""
+    """Image a capture by 3-FSK: the depths, metres, in the middle part of the cylinders, away from
+    their ends."""
     chosen = method(METHOD)
     depth = chosen.run(capture, chosen.configure({}, "simulation"), 0).depth
     return depth.z_m[np.abs(depth.y_m) < NEAR_M]
 
 
 def map_difference(ours_m: np.ndarray, reference_m: np.ndarray) -> tuple[float, float]:
-    """Compare two depth maps: mean |Δz|, mm, over the pixels that both have, and the number of
-    these over that of the pixels that either has."""
+    """Compare two depth maps: (mean |Δz| in mm over the pixels that both have, number of these
+    pixels over that of the pixels that at least one has)."""
     here, there = np.isfinite(ours_m), np.isfinite(reference_m)
     both, either = here & there, here | there
     off_mm = 1e3 * np.abs(ours_m - reference_m)[both]
@@ -199,9 +208,11 @@ VOLUME_M = np.array(
 
 @dataclass(frozen=True)
 class TargetMeasurement:
-    """A calibration target measured in one simulated capture.
-    placed: where it stands; pairs: its ball centres as both sensors measure them; common_m2 [3, 3]:
-    covariance of the centres' common error; seconds: that the measurement took."""
+    """A measurement of the calibration target in one simulated capture.
+
+    placed: where the target is; pairs: its ball centres as both sensors measure them; common_m2 [3,
+    3]: covariance of the centres' common error, m²; seconds: time that the measurement took.
+    """
 
     placed: Placement
     pairs: Pairs
@@ -210,10 +221,13 @@ class TargetMeasurement:
 
 
 def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
-    """Measure the error and time of the registration, by the number of captures that are combined.
-    The calibration target is simulated `max(captures)` times with each of `trials` rigs; for each
-    number, a capture is part of at most one combination. The error is that of the transform where
-    hands are."""
+    """Measure the error and the time of the registration as a function of the number of captures
+    that are combined.
+
+    The calibration target is simulated in `max(captures)` captures with each of `trials` rigs. For
+    each number of captures, a capture is part of at most one combination. The error is that of the
+    transform at points where hands are.
+    """
     knobs = inputs.sweep.registration
     compile_kernels()
     failures: list[Failure] = []
@@ -264,15 +278,16 @@ def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
 
 
 def measure_placement(placed: Placement) -> TargetMeasurement:
-    """Simulate the echoes and the photographs' point cloud of a placed target, and measure the
-    target in both."""
+    """Simulate the echoes of a placed calibration target and its point cloud from photographs, and
+    measure the target's balls in both."""
     cloud, capture = optical_cloud(placed), echoes(placed.scene).capture
     (pairs, common_m2), seconds = timed(lambda: register.measure(*cloud, capture, placed.described))
     return TargetMeasurement(placed, pairs, common_m2, seconds)
 
 
 def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
-    """Compute radar_from_photo from several measurements of the target with one rig."""
+    """Compute the transform from photo to radar frame from several measurements of the target with
+    one rig."""
     common_m2 = np.mean([one.common_m2 for one in group], axis=0)
     sigma_m = group[0].placed.described.ball_offset_sigma_m
     return register.combine(
@@ -281,14 +296,14 @@ def combine_captures(group: Sequence[TargetMeasurement]) -> Transform:
 
 
 def errors_m(found: Transform, true: Transform) -> np.ndarray:
-    """Compute the distances [n], metres, by which a found transform misplaces the points VOLUME_M,
-    where hands are."""
+    """Compute the distances [n], metres, between points where hands are (VOLUME_M) and the
+    positions to which a wrong transform moves them."""
     return np.linalg.norm(found.points(true.inverse().points(VOLUME_M)) - VOLUME_M, axis=1)
 
 
 def rms_interval_mm(square_m2: np.ndarray) -> Interval | None:
-    """95 % interval of a root mean square from the mean squares [n], m², of independent rigs; None
-    for too few."""
+    """Compute the 95 % confidence interval, in mm, of a root mean square error from the mean square
+    errors [n], m², of independent rigs; None for too few rigs."""
     found = mean_interval(1e6 * square_m2)
     return None if found is None else Interval(max(found.low, 0.0) ** 0.5, found.high**0.5)
 

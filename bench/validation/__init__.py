@@ -1,1 +1,1 @@
-"""Checks of inputs, which find problems before hours of computation."""
+"""Checks of input files, which find problems before hours of computation."""

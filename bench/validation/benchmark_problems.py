@@ -1,4 +1,5 @@
-"""Problems of benchmark and scene files, and of the captures and depth maps that they name."""
+"""Checks of benchmark and scene files, and of the captures and depth maps that they name: each
+problem with its file and line."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -47,8 +48,8 @@ SHOWN = 5  # names in a list, at most
 
 
 def scene_problems(path: Path) -> Found[CheckedCapture]:
-    """Yield the problems of a scene file and of the files that it names; return its name and
-    frequencies for the benchmark's checks."""
+    """Yield the problems of a scene file and of the files that it names. Returns the scene's name
+    and frequencies, which the checks of a benchmark need."""
     found, scene = yield from parse_model(SceneFile, path, "a scene description")
     if scene is None:
         return CheckedCapture()
@@ -72,8 +73,9 @@ def scene_problems(path: Path) -> Found[CheckedCapture]:
 
 
 def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
-    """Yield the problems of a benchmark file: its keys; every method with its configuration; every
-    capture and scene, whether the methods can image it, and whether it can be scored."""
+    """Yield all problems of a benchmark file: of its keys, of every method with its configuration,
+    and of every capture and scene, including whether the methods can image it and whether it can be
+    scored."""
     yield from found.complaints(BenchFile, found.values)
     methods = yield from _methods(found)
     calibrated = "calibration" in found.values
@@ -116,9 +118,12 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
 
 
 def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[Location, Table]]:
-    """Yield the tables of a key as a `model`, each with its place; a single table counts as a list.
-    Malformed keys or tables are left out, because the complaints about the entire file name
-    them."""
+    """Yield the tables under a key of a benchmark file, each as (its place in the file, instance of
+    `model`). A single table counts as a list of one.
+
+    A malformed table is yielded without its malformed keys, or left out if that is not enough. It
+    is not a problem here, because the check of the whole file reports it.
+    """
     given = found.values.get(key, [])
     tables = {
         (key, index): table
@@ -142,8 +147,8 @@ def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[L
 
 
 def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
-    """Return the entries of handbench's own methods that are well formed; yield the problems of all
-    methods."""
+    """Yield the problems of all methods of a benchmark. Returns the entries of handbench's own
+    methods that have none."""
     own = []
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
@@ -158,9 +163,11 @@ def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
 def _source(
     found: ParsedFile, at: Location, source: Origin, scored: bool = True
 ) -> Found[CheckedCapture | None]:
-    """Yield the problems of the scene or capture that a benchmark names; return the facts about it
-    (None: it is missing).
-    at: place of the entry. scored: whether it needs a reference."""
+    """Yield the problems of the scene or capture that a benchmark names. Returns what the
+    benchmark's other checks need to know of it (None: it is missing).
+
+    at: place of the entry in the file. scored: whether the capture needs a reference surface.
+    """
     key, name = ("scene", source.scene) if source.scene is not None else ("path", str(source.path))
     path = yield from found.attempt((*at, key), partial(inside, found.file.parent, name, key))
     if path is None:
@@ -184,8 +191,8 @@ def _imaged(
     facts: CheckedCapture,
     methods: Sequence[MethodEntry],
 ) -> Iterator[Problem]:
-    """Yield the problems of a capture that lacks the tones or the frames that a method needs.
-    facts: what is known of it."""
+    """Yield the problems of a capture that lacks the tones or the frames that a method of the
+    benchmark needs. at: place of its entry in the file; facts: what is known of the capture."""
     name = facts.about.name if facts.about else ""
     repeats = found.values.get("repeats", BenchFile.model_fields["repeats"].default)
     frames = repeats if facts.frames is None else facts.frames
@@ -209,9 +216,11 @@ def _imaged(
 def _maps(
     found: ParsedFile, scored: dict[str, CaptureFile], methods: Sequence[MethodEntry]
 ) -> Iterator[Problem]:
-    """Yield the problems of foreign depth maps: captures without one, and maps that a run would
-    refuse.
-    scored: name → description of the captures whose accuracy is measured."""
+    """Yield the problems of depth maps that were made by other software: captures without a map,
+    and maps that a run would refuse.
+
+    scored: name → description of the captures whose accuracy is measured.
+    """
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.maps is None:
             continue
@@ -236,7 +245,8 @@ def _maps(
 
 
 def _read_map(file: Path, id: str, about: CaptureFile, methods: Sequence[MethodEntry]) -> None:
-    """Read a foreign depth map as a run does; HandbenchError if it would be refused."""
+    """Read a depth map that was made by other software, in the way that a run reads it. Raises
+    HandbenchError if a run would refuse it."""
     from handbench.bench.run import foreign  # whose module images
 
     foreign.read_map(file, id, foreign.pixels(about, methods))

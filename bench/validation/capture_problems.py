@@ -1,4 +1,5 @@
-"""Problems of capture folders, of any form, and of folders of photographs."""
+"""Checks of capture folders, in handbench's own or any other supported form, and of folders of
+photographs."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -64,9 +65,11 @@ LOOKED_AT, FEWEST_SEEN = (3, 4)
 @dataclass(frozen=True)
 class CheckedCapture:
     """What the checks of a benchmark need to know of a capture.
-    about: its description (None: unreadable). frequencies_hz [f]; frames: their number (None: any).
-    scored: whether it has a reference, without and with a transform from elsewhere. lacks: files
-    that it lacks for a calibration."""
+
+    about: its description (None: unreadable). frequencies_hz [f]: its tones. frames: number of its
+    frames (None: any). scored: whether it can be scored (without, with) a transform from a
+    calibration. lacks: files that a calibration needs and that it does not have.
+    """
 
     about: CaptureFile | None = None
     frequencies_hz: np.ndarray | None = None
@@ -75,8 +78,8 @@ class CheckedCapture:
     lacks: tuple[str, ...] = ()
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
-        """Return why a method cannot image the capture's tones; None if it can. asked: settings of
-        the benchmark, which override those of the capture."""
+        """Return the reason why a method cannot image the capture with its tones; None if it can.
+        id: the method; asked: settings in the benchmark, which override those of the capture."""
         if self.about is None or self.frequencies_hz is None:
             return None
         try:
@@ -94,12 +97,13 @@ class CheckedCapture:
 
 
 def is_native(folder: Path) -> bool:
-    """True for a folder in handbench's own form."""
+    """Return True for a capture folder in handbench's own form."""
     return (folder / ECHOES).exists() or (folder / DESCRIPTION).exists()
 
 
 def is_of_photographs(folder: Path) -> bool:
-    """True if the folder itself has pictures, readable or not, and is not a capture."""
+    """Return True if the folder is not a capture and has photographs directly in it, readable or
+    not."""
     pictures = {*SUFFIXES, *UNREAD}
     return not is_native(folder) and any(
         file.suffix.lower() in pictures for file in folder.iterdir()
@@ -107,10 +111,12 @@ def is_of_photographs(folder: Path) -> bool:
 
 
 def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
-    """Yield all problems of a capture of any form; return what a benchmark's checks need to know of
-    it.
-    A missing file is a problem only if something needs it. scored: whether a reference is needed;
-    None: echoes alone will do."""
+    """Yield all problems of a capture of any supported form. Returns what the checks of a benchmark
+    need to know of it.
+
+    A missing file is a problem only if something needs it. scored: whether a reference surface is
+    needed; with None, echoes are enough.
+    """
     native = is_native(folder)
     capture = (
         NativeCapture(folder)
@@ -152,8 +158,8 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
 
 
 def _described(folder: Path) -> Found[CaptureFile | None]:
-    """Yield the problems of a capture.toml and of the files, lengths and methods in it; return its
-    content (None: malformed)."""
+    """Yield the problems of a capture.toml, and of the files, lengths and methods in it. Returns
+    its content (None: malformed)."""
     parsed, about = yield from parse_model(
         CaptureFile, folder / DESCRIPTION, "a capture description"
     )
@@ -183,8 +189,8 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
 def method_problems(
     parsed: ParsedFile, id: str, values: Any, at_id: Location, at_values: Location
 ) -> Found[Config | None]:
-    """Yield the problems of a method's id and of its configuration; return the configuration if
-    there are none. at_id, at_values: their places in the file."""
+    """Yield the problems of a method's id and of its configuration. Returns the configuration if
+    there are none, else None. at_id, at_values: places of both in the file."""
     chosen = yield from parsed.attempt(at_id, lambda: method(id))
     return (
         None if chosen is None else (yield from parsed.complaints(chosen.config, values, at_values))
@@ -204,7 +210,7 @@ def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
 
 
 def surface_problems(file: Path) -> Found[Surface | None]:
-    """Yield the problems of a surface's file; return the surface (None: unreadable)."""
+    """Yield the problems of a surface's file. Returns the surface (None: unreadable)."""
     surface = yield from attempt(file, lambda: read_surface(file))
     yield from warnings_at(file, surface_warnings(surface) if surface else ())
     return surface
@@ -220,8 +226,11 @@ def _target(file: Path) -> Iterator[Problem]:
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
-    """Yield all problems of a folder of photographs, its cameras.json and its board.toml. scaled:
-    whether one of these must give the scale; else its lack is only a warning."""
+    """Yield all problems of a folder of photographs, of its cameras.json and of its board.toml.
+
+    scaled: whether one of these two files must give the scale; if not, its absence is only a
+    warning.
+    """
     photos = yield from attempt(folder, lambda: find_photos(folder))
     described, cameras = folder / "board.toml", folder / "cameras.json"
     board, known = None, None
@@ -246,11 +255,13 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> list[str]:
-    """Return a warning if the board's description seems to be in a wrong unit or of another
-    pattern.
-    The unit is wrong if its corners are implausibly far away, or if the first photograph that shows
-    it was taken from an implausible distance. cameras: for the focal length; without them the
-    photograph's own is used."""
+    """Return a warning, in a list, if the description of a board seems to be in a wrong unit or of
+    another pattern.
+
+    The unit seems wrong if the board's corners are implausibly far away, or if the first photograph
+    that shows the board was taken from an implausible distance. cameras: give the focal length;
+    without them, the one stored in the photograph is used.
+    """
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px, pattern_in
 
     corners_m = {

@@ -1,6 +1,8 @@
-"""Warnings about a capture's or an image's data, which every reader accepts: sentences with the
-likely mistake and its remedy. None is certain; all cost little compared with the hours that wrong
-data cost."""
+"""Warnings about the data of a capture or an image that can be read without error: sentences with
+the likely mistake and its remedy.
+
+No mistake is certain. All checks take little time compared with the hours that wrong data cost.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -37,9 +39,11 @@ PROBES = ("3fsk", "2fsk", "broadband", "narrowband")
 
 
 def make(folder: Path, capture: str) -> None:
-    """Inspect a capture for likely mistakes; a stage of a run. Prints each warning and writes all
+    """Inspect a capture for likely mistakes, as a stage of a run: print each warning, and write all
     to the file INSPECTION.
-    A capture that cannot be read gets none, because the stages that need it report the error."""
+
+    A capture that cannot be read gets no warning, because the stages that need it report the error.
+    """
     with fresh_plans():  # those of the imaging stages are timed
         try:
             warnings = list(warnings_of_capture(open_capture(capture)))
@@ -51,8 +55,8 @@ def make(folder: Path, capture: str) -> None:
 
 
 def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
-    """Yield warnings about a capture: about its array and tones, whether its echoes focus when
-    imaged and, if it has a surface, whether image and surface agree."""
+    """Yield warnings about a capture: about its array and tones, whether its echoes focus when they
+    are imaged and, if it has a surface, whether image and surface agree."""
     capture = recorded.echoes(1)
     plain = list(array_warnings(capture))
     yield from plain
@@ -94,12 +98,14 @@ def _likely_mistake(
     depths: tuple[DepthMap, ...],
     start_m: float,
 ) -> list[str]:
-    """Find the mistake that best explains why a capture's images are not on its surface: a list of
-    one sentence, or none.
-    capture: the first frame's echoes. depths: its images. start_m: distance of the surface. A
-    mistake in the order of the data, as exchanged antennas, is joined in one sentence with a wrong
-    frame that explains as much. Mistakes in tones and paths are tried only if no frame or unit
-    explains the images."""
+    """Find the mistake that best explains why the images of a capture are not on its surface: a
+    list of one sentence, or an empty list.
+
+    capture: echoes of the first frame; depths: its depth maps, with different first depths;
+    start_m: distance of the surface. A mistake in the order of the data, such as exchanged
+    antennas, is named in one sentence with a wrong frame that explains the images as well. Mistakes
+    in tones and path lengths are tried only if no wrong frame or unit explains the images.
+    """
     as_is = max((mistakes.fit(depth, surface) for depth in depths), key=lambda fit: fit.share)
     share, moved = max(
         (mistakes.best(depth, surface, as_is) for depth in depths), key=lambda best: best[0]
@@ -125,10 +131,12 @@ def _likely_mistake(
 def _corrections(
     capture: RadarCapture, every: bool
 ) -> Iterator[tuple[str, str, RadarCapture, float]]:
-    """Yield corrections of mistakes in the order and the phases of a capture's data.
-    Each has the mistake's name, its remedy, the corrected capture, and the factor by which the
-    scene is then larger, because a phase does not distinguish half the path from half the scene.
-    every: also mistakes in tones and path lengths."""
+    """Yield corrections of possible mistakes in the order and the phases of a capture's data: (name
+    of the mistake, remedy, corrected capture, scale).
+
+    scale: factor by which the scene is larger after the correction, since phases do not distinguish
+    half the path from half the scene. every: also try mistakes in tones and path lengths.
+    """
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
@@ -164,8 +172,8 @@ def _corrections(
 
 
 def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Yield warnings about a depth map and, if there are any, whether the echoes from which it was
-    imaged are conjugated."""
+    """Yield warnings about a depth map. If there are any, also test whether the echoes it was
+    imaged from are conjugated, and yield a warning if they are."""
     about = list(map_warnings(depth))
     yield from about
     try:
@@ -175,8 +183,8 @@ def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
 
 
 def surface_of(recorded: NativeCapture) -> Surface | None:
-    """Return a capture's surface in the radar frame: the true one, or the measured one if a
-    transform carries it there; None if it has neither."""
+    """Return a capture's surface in the radar frame: the true one, else the measured one if the
+    capture has the transform of its frame; None if it has neither."""
     if recorded.truth is not None:
         return read_surface(recorded.truth)
     mesh, transform = recorded.mesh(), recorded.transform()
@@ -188,9 +196,11 @@ def surface_of(recorded: NativeCapture) -> Surface | None:
 def _depth_map(
     recorded: NativeCapture, capture: RadarCapture, first_depth_m: float | None = None
 ) -> tuple[DepthMap, Config] | None:
-    """Image a capture by the first method of PROBES that can use its tones; return the depth map
-    and the configuration. None if none can.
-    first_depth_m: where methods that need a first depth begin (None: their default)."""
+    """Image a capture by the first method of PROBES that can use its tones: (depth map,
+    configuration); None if no method can.
+
+    first_depth_m: first depth for methods that have this setting (None: their default).
+    """
     for name in PROBES:
         begun = first_depth_m is not None and 0 < first_depth_m < FAR_M
         begun = begun and FIRST in method(name).config.model_fields

@@ -1,10 +1,10 @@
-"""A list of all checks: the kind of thing that each applies to, its name, its condition, and its
-advice.
+"""The list of all checks. Each has the kind of thing that it applies to, the name of a mistake, a
+condition for it, and advice for the user.
 
 The facts about a thing (an array, a depth map, a photograph of a board, …) are a dictionary of
-plain values; a check's `found` and its advice, a format string, take them by name. Unreadable files
-need no check: their readers report why. capture_warnings.py and mistakes.py compute facts that need
-images; benchmark_problems.py checks that captures, methods and depth maps fit together.
+plain values, which conditions and advice (format strings) use by name. Files that cannot be read
+need no check, since their readers report why. capture_warnings.py and mistakes.py compute facts
+that need images; benchmark_problems.py checks that captures, methods and depth maps fit together.
 """
 
 from __future__ import annotations
@@ -47,8 +47,11 @@ Facts = Mapping[str, Any]
 
 class Check(NamedTuple):
     """A check of one kind of thing.
-    of: the kind. name: of the mistake. found: takes the facts (name → value), returns whether the
-    advice applies. advice: a format string over the facts. fails: whether a run would fail, too."""
+
+    of: the kind, such as "array"; name: name of the mistake; found: function from the facts (name →
+    value) to whether the advice applies; advice: format string, which the facts fill in; fails:
+    whether a run would fail because of the mistake.
+    """
 
     of: str
     name: str
@@ -278,14 +281,15 @@ CHECKS = (
 
 
 def warnings_of(kind: str, facts: Facts) -> Iterator[str]:
-    """Yield the advice of every check of one kind that applies to the facts (name → value)."""
+    """Yield the advice of every check that applies to one thing. kind: what the thing is, as in
+    `Check.of`; facts: name → value."""
     return (
         check.advice.format(**facts) for check in CHECKS if check.of == kind and check.found(facts)
     )
 
 
 def echo_warnings(capture: RadarCapture) -> Iterator[str]:
-    """Warnings about a capture's echoes: its antennas, its tones, its pairs."""
+    """Yield warnings about a capture's echoes: about its antennas, tones and antenna pairs."""
     from handbench.radar.methods.evidence import antenna_problems, tone_problems
 
     yield from array_warnings(capture)
@@ -298,7 +302,8 @@ def echo_warnings(capture: RadarCapture) -> Iterator[str]:
 
 
 def array_warnings(capture: RadarCapture) -> Iterator[str]:
-    """Warnings about the antennas' positions and the tones."""
+    """Yield warnings about the antennas' positions and the tones of a capture, such as wrong
+    units."""
     places = places_m(capture)
     tones_hz = capture.frequencies_hz
     highest_hz = float(tones_hz.max())
@@ -321,21 +326,21 @@ def array_warnings(capture: RadarCapture) -> Iterator[str]:
 
 
 def pair_warnings(capture: RadarCapture) -> Iterator[str]:
-    """A warning about pairs of antennas that were not measured."""
+    """Yield a warning if some antenna pairs of a capture were not measured."""
     measured = getattr(capture.aperture, "measured", None)
     missing, pairs = (0, 0) if measured is None else (int((~measured).sum()), measured.size)
     return warnings_of("pairs", {"missing": missing, "pairs": pairs})
 
 
 def surface_warnings(surface: Surface) -> Iterator[str]:
-    """Warnings about a surface's unit."""
+    """Yield a warning if a surface seems to be in a wrong unit."""
     used_m = surface.vertices_m[np.unique(surface.faces)]
     return warnings_of("surface", {"longest_m": float(np.ptp(used_m, axis=0).max())})
 
 
 def mesh_warnings(surface: Surface) -> Iterator[str]:
-    """Yield warnings about a surface that is closed and inside out, or that is open with much
-    rim."""
+    """Yield a warning if a surface is closed and inside out, or if many of its edges are at a rim
+    (holes)."""
     edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     a, b, c = np.moveaxis(surface.vertices_m[surface.faces], 1, 0)
     facts = {
@@ -346,8 +351,8 @@ def mesh_warnings(surface: Surface) -> Iterator[str]:
 
 
 def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[str]:
-    """Yield warnings about radar_from_photo: its size, its scale, and whether it carries the mesh
-    behind the radar."""
+    """Yield warnings about the transform radar_from_photo: about its translation, its scale, and
+    whether it moves the mesh behind the radar."""
     facts = {
         "offset_m": float(np.abs(transform.matrix[:3, 3]).max()),
         "scale": transform.scale,
@@ -357,8 +362,8 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 
 def map_warnings(depth: DepthMap) -> Iterator[str]:
-    """Yield warnings that a depth map shows by itself, without a reference: crowded, far away, or
-    mostly flagged."""
+    """Yield warnings about a depth map that need no reference: too many pixels are on target,
+    depths are implausibly far away, or most pixels are flagged."""
     facts = {
         "on_target_percent": 100 * float(np.isfinite(depth.z_m).mean()),
         "wide_m": min(np.ptp(depth.x_m), np.ptp(depth.y_m)),
@@ -369,8 +374,8 @@ def map_warnings(depth: DepthMap) -> Iterator[str]:
 
 
 def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
-    """Yield warnings about implausible figures of a depth map against a surface. values: metric →
-    figure."""
+    """Yield warnings about implausible scores of a depth map against a surface. values: metric →
+    value."""
     mean_mm, accuracy, z = (
         values["mae_mm"],
         values["relative_accuracy_percent"],
@@ -390,8 +395,8 @@ def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -
 
 
 def result_warnings(result: Result) -> Iterator[str]:
-    """Warnings about a result: those that the run recorded, its failures, and figures that are
-    implausible for any image."""
+    """Yield warnings about the result of a run: those that the run recorded, its failures, and
+    values of metrics that are implausible for any image."""
     for capture, texts in result.about.facts.get("doubts", {}).items():
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
@@ -409,8 +414,8 @@ def result_warnings(result: Result) -> Iterator[str]:
 
 
 def flagged_share(depth: DepthMap) -> float | None:
-    """Share of the pixels on target with a p_gross above FLAGGED; None without p_gross or without
-    pixels."""
+    """Return the share of the pixels on target whose p_gross exceeds FLAGGED; None if the map has
+    no p_gross or no pixels on target."""
     seen = np.isfinite(depth.z_m)
     return (
         None
@@ -420,7 +425,8 @@ def flagged_share(depth: DepthMap) -> float | None:
 
 
 def on_target(depth: DepthMap) -> str:
-    """Say how many pixels of a depth map have a depth, and which share of them is flagged."""
+    """Return a text with the number of pixels of a depth map that have a depth, and the share of
+    them that is flagged."""
     share = flagged_share(depth)
     flagged = (
         "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
@@ -429,5 +435,5 @@ def on_target(depth: DepthMap) -> str:
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:
-    """Positions [n, 3] of the antennas."""
+    """Return the positions [n, 3] of all antennas of a capture, metres."""
     return np.concatenate([leg.position_m for leg in capture.aperture.legs])

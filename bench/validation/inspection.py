@@ -1,4 +1,4 @@
-"""Inspection of any file that handbench reads, for all problems at once."""
+"""Inspection of any file or folder that handbench reads, which reports all problems at once."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -46,10 +46,12 @@ DESCRIPTIONS: dict[str, type[Config]] = {"element": Target, "marker": Board, "ch
 
 
 def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None = None) -> None:
-    """Print every problem of every input, as FILE:LINE: problem; what to do, and their number at
+    """Print every problem of every input, as "FILE:LINE: problem; what to do", and their number at
     the end.
-    mesh, transform: for a depth map, the surface that it shows, and what carries that into the
-    radar frame. Raises HandbenchError if there is a problem that is more than a warning."""
+
+    mesh, transform: for a depth map, the surface that it shows, and the transform of this surface
+    to the radar frame. Raises HandbenchError if any problem is more than a warning.
+    """
     problems = warnings = 0
     for name in inputs:
         found = dict.fromkeys(inspect(name, mesh, transform))
@@ -70,9 +72,12 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
 def inspect(
     name: str, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """Yield all problems of an input; if there are only warnings, also those that show only when
-    its captures are imaged.
-    name: a path, or a benchmark's name. mesh, transform: as in `show`."""
+    """Yield all problems of an input. If none is more than a warning, its captures are also imaged,
+    and warnings about the images are yielded.
+
+    name: a path, or a benchmark's name. mesh, transform: for a depth map, the surface that it
+    shows, and the transform of this surface to the radar frame.
+    """
     found = list(problems_of(name, None, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
@@ -92,8 +97,8 @@ def _image_warnings(folder: Path) -> list[str]:
 
 
 def _captures(path: Path) -> Found[Sequence[Path]]:
-    """Return the capture folders of an input: those in a folder, or those of a benchmark; none for
-    other inputs. Yields the problem if the benchmark cannot be loaded."""
+    """Return the capture folders of an input: those in a folder, or those that a benchmark names;
+    none for other inputs. Yields the problem if the benchmark cannot be loaded."""
     if path.is_dir():
         other = is_of_photographs(path) or _is_result(path) or _is_raw(path)
         return () if other else captures(path)
@@ -121,12 +126,14 @@ def _is_raw(folder: Path) -> bool:
 def problems_of(
     name: str, scored: bool | None = True, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
-    """Yield the problems of one input, found without imaging.
-    name: a capture folder or a folder of them, a raw capture of a TI radar, a folder of
-    photographs, a result or trade-off; a benchmark, by file or name; the file of a scene, a target,
-    a board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored:
-    whether a capture needs a reference (None: a missing one is only a warning). mesh, transform:
-    for a depth map, the surface that it shows, and what carries that into the radar frame."""
+    """Yield the problems of one input that can be found without imaging.
+
+    name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, a result
+    or a trade-off), the name of a benchmark, or the file of a benchmark, a scene, a target, a
+    board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored:
+    whether a capture needs a reference surface (None: it need not have one). mesh, transform: for a
+    depth map, the surface that it shows, and the transform of this surface to the radar frame.
+    """
     path = Path(name)
     if path.is_dir():
         yield from _folder(path, scored)
@@ -177,8 +184,8 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
 
 
 def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterator[Problem]:
-    """Yield the problems of a depth map, also those that a surface shows, if one is given. Prints
-    how many pixels have a depth."""
+    """Yield the problems of a depth map's file. If a surface is given, the map is also compared
+    with it. Prints how many pixels have a depth."""
     depth = yield from attempt(path, partial(load_depthmap, path))
     if depth is None:
         return
@@ -193,7 +200,8 @@ def _depth_map(path: Path, mesh: Path | None, transform: Path | None) -> Iterato
 
 
 def _read_json(path: Path) -> Any:
-    """Read cameras, an array's calibration, or a transform."""
+    """Read a JSON file with cameras, an array's calibration or a transform. Raises HandbenchError
+    if it is invalid."""
     content = read_json(path, "cameras, an array's calibration or a transform")
     keys = content.keys() if isinstance(content, dict) else set()
     if "cameras" in keys:
@@ -204,8 +212,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _description(path: Path) -> Iterator[Problem]:
-    """Yield the problems of a TOML file, which may describe a scene, a target, a board or a
-    benchmark."""
+    """Yield the problems of a TOML file, which may describe a scene, a calibration target, a board
+    or a benchmark."""
     found = yield from parse_lines(path, "a benchmark or a scene")
     if found.values is None:
         return

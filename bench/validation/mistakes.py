@@ -1,9 +1,10 @@
-"""Mistakes that images show: conjugated echoes, and, with a surface, wrong frames and lengths.
+"""Detection of mistakes that images show: conjugated echoes and, if the true surface is known,
+wrong frames and lengths.
 
-Coarse images are made of the echoes as they are and conjugated; the sharper one wins, by Σ|I|⁴ /
-(Σ|I|²)² (Muller & Buffington, J. Opt. Soc. Am. 64 (1974) 1200). Sharpness does not show a mirrored
-array, exchanged axes or antennas, or a wrong length; it shows tones in reverse order only if
-nothing echoes from outside the image.
+For conjugation, a coarse image is made of the echoes as they are, and one of their conjugates. The
+sharper one is taken as right, by Σ|I|⁴ / (Σ|I|²)² (Muller & Buffington, J. Opt. Soc. Am. 64 (1974)
+1200). Sharpness does not show a mirrored array, exchanged axes or antennas, or a wrong length; it
+shows tones in reverse order only if there are no echoes from outside the image.
 
 A surface shows these: it is mirrored, its axes are exchanged, or its unit is changed, and the
 pixels of a depth map that are then on it are counted. The mistake may be in the surface or in the
@@ -39,7 +40,7 @@ ROUGH_MM, FALLEN = (1.0, 3.0)
 
 
 def conjugation_warnings(capture: RadarCapture) -> list[str]:
-    """Return a warning that the echoes are conjugated, if the first frame focuses better when
+    """Return a list with a warning if the echoes of the first frame focus better when they are
     conjugated; else an empty list. Arrays that may surround the target are not checked."""
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
     if not capture.samples[0].any() or deep_m > SHALLOW * max(across_m):
@@ -51,7 +52,8 @@ def conjugation_warnings(capture: RadarCapture) -> list[str]:
 
 
 def sharpness_db(capture: RadarCapture) -> float:
-    """Compute the sharpness, dB, of a coarse image of the first frame: Σ|I|⁴ / (Σ|I|²)²."""
+    """Compute the sharpness of a coarse image I of a capture's first frame, in dB: Σ|I|⁴ /
+    (Σ|I|²)²."""
     # compiled, which comparing a map with a surface does not need
     from handbench.radar.imaging.api import image_volume
 
@@ -63,8 +65,8 @@ def sharpness_db(capture: RadarCapture) -> float:
 
 
 def _reduced(capture: RadarCapture) -> RadarCapture:
-    """Reduce a capture to its first frame, a few tones in rising order, and a few antennas whose
-    pairs were all measured; frequencies are scaled as for vacuum."""
+    """Return the capture with only its first frame, a few tones in rising order, and a few antennas
+    of measured pairs. Frequencies are converted to those with the same wavelengths in vacuum."""
     order = np.argsort(capture.frequencies_hz, kind="stable")
     tones, array = order[even_subset(len(order), TONES)], capture.aperture
     samples, frequencies_hz = capture.samples[:1, tones], capture.frequencies_hz[tones]
@@ -92,7 +94,8 @@ def _reduced(capture: RadarCapture) -> RadarCapture:
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:
-    """Coarse voxels in front of the aperture that contain the echoes of anything near."""
+    """Return coarse voxels in front of the aperture, in a volume large enough for the image of any
+    near target."""
     places = places_m(capture)
     middle_m, size_m = (
         (places.min(axis=0) + places.max(axis=0)) / 2,
@@ -109,28 +112,30 @@ def _box(capture: RadarCapture) -> VoxelGrid:
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """How well a depth map lies on a surface.
-    share: of its strongest pixels, those within NEAR_M of the surface. median_mm: median |Δz| of
-    those whose ray meets the surface."""
+    """How well a depth map agrees with a surface.
+
+    share: share of the map's strongest pixels that are within NEAR_M of the surface. median_mm:
+    median |Δz| of those strongest pixels whose ray meets the surface.
+    """
 
     share: float
     median_mm: float
 
     @property
     def covers(self) -> bool:
-        """True if so many pixels are on the surface that no correction could bring much more
-        there."""
+        """True if so many pixels are on the surface that no correction could increase their number
+        much."""
         return GAINED * self.share >= 1
 
     @property
     def improvable(self) -> bool:
-        """True if a correction could bring many more pixels to the surface, or much lower the
-        median."""
+        """True if a correction could bring many more pixels onto the surface, or lower the median
+        error much."""
         return not self.covers or self.median_mm > ROUGH_MM
 
     def explains(self, as_is: "SurfaceFit") -> bool:
-        """Return whether this fit, after a correction, is so much better than the one as it is that
-        the corrected mistake is likely."""
+        """Return True if this fit, after the correction of a mistake, is so much better than the
+        fit without it (as_is) that the mistake is likely."""
         nearer = self.share > as_is.share and FALLEN * self.median_mm < as_is.median_mm > ROUGH_MM
         return self.share >= CERTAIN and (nearer or self.share >= GAINED * as_is.share)
 
@@ -156,18 +161,21 @@ UNDONE = {
 
 
 def misplacement_warnings(depth: DepthMap, surface: Surface) -> list[str]:
-    """Return a warning if a surface (radar frame) fits a depth map much better after it is
-    mirrored, turned or scaled: which mistake this suggests, and both errors. Else an empty list."""
+    """Return a list with a warning if a surface (radar frame) fits a depth map much better after it
+    is mirrored, turned or scaled; else an empty list. The warning names the likely mistake and both
+    errors."""
     as_is = fit(depth, surface)
     return best(depth, surface, as_is)[1] if as_is.improvable else []
 
 
 def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, list[str]]:
-    """Find the correction of the surface (mirroring, turning, scaling) that fits the depth map
-    best.
-    Returns the share of pixels that are then on the surface, and a list with the sentence about the
-    mistake; 0 and an empty list if no correction helps enough. as_is: the fit without
-    correction."""
+    """Find the correction of the surface (mirroring, turning or scaling) with which it fits the
+    depth map best: (share of pixels that are then on the surface, list with a sentence about the
+    mistake).
+
+    as_is: the fit without correction. If no correction helps enough, the result is 0 and an empty
+    list.
+    """
     fits = {name: fit(depth, moved(surface, matrix)) for name, matrix in UNDONE.items()}
     name, found = max(fits.items(), key=lambda each: each[1].share)
     if not found.explains(as_is):
@@ -184,7 +192,8 @@ def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, l
 
 
 def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
-    """Compute how well a depth map's strongest pixels lie on a surface in the radar frame."""
+    """Compute how well the strongest pixels of a depth map agree with a surface in the radar
+    frame."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:
@@ -200,8 +209,8 @@ def fit(depth: DepthMap, surface: Surface) -> SurfaceFit:
 
 
 def moved(surface: Surface, matrix: np.ndarray) -> Surface:
-    """Return the surface transformed by a matrix, 3×3 or 4×4, of which only the linear part counts;
-    normals stay outward."""
+    """Return the surface transformed by the linear part of a matrix, 3×3 or 4×4; a translation is
+    ignored. Normals stay outward, also after a reflection."""
     vertices_m = surface.vertices_m @ matrix[:3, :3].T
     faces = surface.faces if np.linalg.det(matrix) > 0 else surface.faces[:, ::-1]
     return Surface(vertices_m, faces, surface.sigma_m, surface.observed)

@@ -1,6 +1,9 @@
-"""Problems of files, each with its line: findings of `checks.CHECKS`, and all complaints of a
-strict configuration, not only the first; and line numbers of the keys of TOML and JSON, which their
-parsers do not report."""
+"""Problems of input files, each with its line.
+
+They come from the checks in `checks.CHECKS`, and from the validation of configurations, of which
+all errors are reported, not only the first. The line numbers of keys are found here, since the
+parsers of TOML and JSON do not report them.
+"""
 
 import re
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -26,9 +29,12 @@ TOKEN = re.compile(
 
 
 def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
-    """Find the line, counted from 1, of every key and list item of a text: place → line, with
-    places as ("method", 1, "config").
-    toml: the text is TOML, else JSON; it must be valid. What is not understood is left out."""
+    """Find the line, counted from 1, of every key and list item of a text: a dictionary place →
+    line, with places such as ("method", 1, "config").
+
+    toml: True if the text is TOML, False if it is JSON; it must be valid. Keys that the search does
+    not understand are left out.
+    """
     try:
         return _Scanner(text).toml() if toml else _Scanner(text).json()
     except (IndexError, RecursionError):
@@ -36,8 +42,8 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
 
 
 def line_of(lines: dict[Location, int], location: Location) -> int | None:
-    """Return the line of a place, or of the nearest place around it that has one; None if there is
-    none."""
+    """Return the line of a place in a file, or of the nearest place around it that has one; None if
+    there is none. lines: from `lines_of`."""
     return next(
         (lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None
     )
@@ -125,7 +131,8 @@ class _Scanner:
         return self.tokens[self.at][0]
 
     def _skip_newlines(self) -> bool:
-        """Skip to the next token that is not a line end; False at the end of the file."""
+        """Skip to the next token that is not the end of a line. Returns False at the end of the
+        file."""
         while self.at < len(self.tokens) and self._token() == "\n":
             self.at += 1
         return self.at < len(self.tokens)
@@ -141,8 +148,11 @@ Place = Callable[[str, bool], "Problem"]
 
 @dataclass(frozen=True)
 class Problem:
-    """A fault in a file with its remedy.
-    line: None if unknown, or not of a line. warning: the values are possible, but unlikely."""
+    """A fault in a file, with its remedy in the text.
+
+    line: None if it is unknown, or if the fault is not in one line. warning: True if the values are
+    possible, but unlikely.
+    """
 
     file: Path
     line: int | None
@@ -156,25 +166,24 @@ class Problem:
 
 @dataclass(frozen=True)
 class ParsedFile:
-    """A TOML or JSON file that was read: its plain values (None: it cannot be parsed), and the
-    lines of its keys."""
+    """A TOML or JSON file that was read. values: its content as plain values (None: it cannot be
+    parsed); lines: the lines of its keys."""
 
     file: Path
     values: Any
     lines: dict[Location, int]
 
     def at(self, location: Location) -> Place:
-        """Return a function that makes problems at a key. It takes a text, and whether it is a
-        warning."""
+        """Return a function (text, whether it is a warning) → `Problem` at the line of a key."""
         return partial(Problem, self.file, line_of(self.lines, location))
 
     def problem(self, location: Location, text: str) -> Problem:
-        """Make a problem at a key, with its line."""
+        """Return a problem at the line of a key."""
         return self.at(location)(text, False)
 
     def attempt(self, location: Location, read: Callable[[], Read]) -> Found[Read | None]:
-        """Call `read` and return its result. If it raises a HandbenchError, yield this as a problem
-        at a key, and return None."""
+        """Call `read` and return its result. If it raises a HandbenchError, yield that as a problem
+        at the line of the key `location`, and return None."""
         try:
             return read()
         except HandbenchError as error:
@@ -184,9 +193,11 @@ class ParsedFile:
     def complaints(
         self, model: type[Model], values: Any, prefix: Location = ()
     ) -> Found[Model | None]:
-        """Convert values to a `model`, a strict configuration, and return it. If they do not fit,
-        yield a problem for every complaint, and return None.
-        prefix: the place of the values in the file."""
+        """Convert values to an instance of `model`, a configuration class, and return it. If they
+        are invalid, yield a problem for every error, and return None.
+
+        prefix: the place of the values in the file.
+        """
         try:
             return model.model_validate(values)
         except pydantic.ValidationError as error:
@@ -198,8 +209,8 @@ class ParsedFile:
 
 
 def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
-    """Call `read` and return its result. If it raises a HandbenchError, yield this as a problem of
-    `file`, with the line that the message names, and return None."""
+    """Call `read` and return its result. If it raises a HandbenchError, yield that as a problem of
+    `file`, with the line that the message names, if it names one, and return None."""
     try:
         return read()
     except HandbenchError as error:
@@ -210,17 +221,19 @@ def attempt(file: Path, read: Callable[[], Read]) -> Found[Read | None]:
 
 
 def warnings_at(file: Path, texts: Iterable[str]) -> Iterator[Problem]:
-    """Make a warning about a file, without a line, of each text."""
+    """Convert each text to a warning about a file, without a line."""
     return (Problem(file, None, text, warning=True) for text in texts)
 
 
 def findings(
     place: "Path | Place", of: str, needed: bool = True, **facts: Any
 ) -> Iterator[Problem]:
-    """Yield the problems that the checks of one kind find.
-    place: a file, or what ParsedFile.at returns for a key. of: the kind of thing, as in CHECKS.
-    needed: False if a run does without the thing, so that all findings are warnings. facts: the
-    values that the checks look at, by name."""
+    """Yield the problems that the checks of one kind of thing find.
+
+    place: a file, or for a key the result of `ParsedFile.at`. of: the kind, as in `Check.of`.
+    needed: False if a run does not need the thing, so that all findings are only warnings. facts:
+    the values that the checks use, by name.
+    """
     problem = partial(Problem, place, None) if isinstance(place, Path) else place
     for check in CHECKS:
         if check.of == of and check.found(facts):
@@ -228,8 +241,9 @@ def findings(
 
 
 def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
-    """Read a TOML or JSON file with the lines of its keys, and return it. If it cannot be parsed,
-    yield the problem. what: for the message, what the file is."""
+    """Read a TOML or JSON file and find the lines of its keys: a `ParsedFile`. If it cannot be
+    parsed, yield the problem; the values are then None. what: name of the kind of file, for the
+    message."""
     toml = file.suffix.lower() != ".json"
     values = yield from attempt(file, lambda: (read_toml if toml else read_json)(file, what))
     return ParsedFile(
@@ -240,8 +254,9 @@ def parse_lines(file: Path, what: str) -> Found[ParsedFile]:
 def parse_model(
     model: type[Model], file: Path, what: str
 ) -> Found[tuple[ParsedFile, Model | None]]:
-    """Read a file as a `model`, a strict configuration; return the parsed file and the model.
-    Yields all complaints; if there are any, the model is None."""
+    """Read a file as an instance of `model`, a configuration class: (parsed file, instance). Yields
+    all errors in the file; if there are any, the instance is None. what: name of the kind of file,
+    for the message."""
     found = yield from parse_lines(file, what)
     return found, None if found.values is None else (
         yield from found.complaints(model, found.values)
@@ -249,8 +264,8 @@ def parse_model(
 
 
 def _keys(values: Any, location: tuple[int | str, ...]) -> Location:
-    """Return an error's place as keys of the file: without the tags that pydantic adds for members
-    of a union."""
+    """Return the place of a validation error as keys of the file, without the tags that pydantic
+    adds for members of a union."""
     keys: list[str | int] = []
     for number, part in enumerate(location):
         there = isinstance(values, dict) and part in values

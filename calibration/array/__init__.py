@@ -1,2 +1,2 @@
-"""Array calibration: each antenna's gain, phase, delay and place, from the echoes of the
-calibration target."""
+"""Calibration of an array: the gain, phase, delay and position of each antenna, from the echoes of
+the calibration target."""

@@ -1,4 +1,5 @@
-"""Calibration of an array's antennas: its file `array.json`, and its application to captures."""
+"""Calibration of an array's antennas, as stored in the file `array.json`, and its application to
+captures."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +23,13 @@ Sigma = Annotated[float, Field(ge=0, le=100)]
 
 
 class Side(Config):
-    """Calibration of all transmitters or all receivers; every list has one entry for each antenna.
+    """Calibration of all transmitters, or of all receivers; every list has one entry per antenna.
 
-    nominal_m: positions in captures; offset_m: from the nominal to the true position; gain: [re,
-    im] at the reference frequency, 0 for a dead antenna; delay_m: of the cable, as a path.
-    level_sigma: relative standard deviation of |gain|; phase_sigma_rad: of the phase at the
-    target's middle, by gain and position together; delay_sigma_m, offset_sigma_m: of delay and
-    offset.
+    nominal_m: positions in captures; offset_m: vector from the nominal to the true position; gain:
+    [re, im] at the reference frequency, 0 for a dead antenna; delay_m: delay of the cable, as a
+    path. Standard deviations: level_sigma: relative one of |gain|; phase_sigma_rad: of the phase at
+    the target's middle, from errors of gain and position together; delay_sigma_m, offset_sigma_m:
+    of delay and offset.
     """
 
     nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
@@ -60,12 +61,12 @@ class Side(Config):
 
     @property
     def positions_m(self) -> np.ndarray:
-        """True positions [n, 3]."""
+        """True positions [n, 3] of the antennas, metres."""
         return np.array(self.nominal_m) + self.offset_m
 
     def response(self, frequencies_hz: np.ndarray, reference_hz: float) -> np.ndarray:
-        """Compute the complex gains [f, n] of the antennas at each frequency [f], Hz, with their
-        delays, which do not change the phase at the reference frequency."""
+        """Compute the complex gains [f, n] of the antennas at each frequency [f], Hz. They include
+        the delays, which do not change the phase at the reference frequency."""
         turns_per_m = (np.asarray(frequencies_hz) - reference_hz) / SPEED_OF_LIGHT_M_S
         return self.gains * np.exp(-2j * np.pi * np.multiply.outer(turns_per_m, self.delay_m))
 
@@ -73,9 +74,9 @@ class Side(Config):
 class ArrayCalibration(Config):
     """The content of `array.json`: the calibration of an array's transmitters and receivers.
 
-    source: name of the capture it was estimated from. residual_before_db, residual_after_db: share
-    of the energy of the target's echoes that the model does not explain with the nominal and with
-    the calibrated array, without the noise.
+    source: name of the capture from which it was estimated; residual_before_db, residual_after_db:
+    share of the target's echo energy, noise deducted, that the model does not explain with the
+    nominal and with the calibrated array.
     """
 
     format: Literal["handbench-array"] = "handbench-array"
@@ -95,12 +96,13 @@ class ArrayCalibration(Config):
     def applied_to(
         self, capture: RadarCapture, where: object = "array calibration"
     ) -> RadarCapture:
-        """Return a capture with the calibration applied: samples divided by the gains of their
-        transmitter and receiver, 0 for dead antennas, and the antennas' true positions. where: the
-        calibration's file, named in errors.
+        """Return the capture with the calibration applied: its samples are divided by the gains of
+        their transmitter and receiver, or set to 0 for dead antennas, and its antennas have their
+        true positions.
 
-        Raises HandbenchError if the capture's antennas are not at the nominal positions: it is of
-        another array, or the calibration is already applied.
+        where: the calibration's file, named in messages. Raises HandbenchError if the capture's
+        antennas are not at the nominal positions, because it was recorded by another array or is
+        calibrated already.
         """
         if not isinstance(capture.aperture, AntennaArray):
             raise HandbenchError(
@@ -126,7 +128,7 @@ class ArrayCalibration(Config):
         return replace(capture, samples=samples, aperture=true, calibration=None)
 
     def summary(self) -> str:
-        """Summarise the calibration in one line: number of antennas, dead ones, source, and
+        """Describe the calibration in one line: number of antennas and of dead ones, source, and
         unexplained share of the echoes before and after."""
         dead = sum(int((side.gains == 0).sum()) for side in (self.tx, self.rx))
         return (
@@ -137,20 +139,23 @@ class ArrayCalibration(Config):
 
 
 def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
-    """Write `array.json`, atomically."""
+    """Write an array calibration to the file `array.json`, atomically."""
     write_json(path, calibration.model_dump())
 
 
 def load_array(path: str | Path) -> ArrayCalibration:
-    """Read an array calibration, `array.json`. Raises HandbenchError for unknown keys, wrong
-    shapes, NaN and implausible values."""
+    """Read an array calibration from the file `array.json`. Raises HandbenchError for unknown keys,
+    wrong shapes, NaN and implausible values."""
     return _array(read_json(path, "an array calibration (array.json)"), str(path))
 
 
 def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
-    """Apply to a capture the calibration in `file` (an `array.json`), or else the one stored in the
-    capture. Returns the new capture and a message that says what was applied; without either, the
-    capture unchanged and "". Raises HandbenchError if the calibration does not fit."""
+    """Apply to a capture the calibration in `file` (an `array.json`) or, if there is no such file,
+    the one stored in the capture: (calibrated capture, message about what was applied).
+
+    Without either, the result is the unchanged capture and "". Raises HandbenchError if the
+    calibration does not fit the capture.
+    """
     if file.exists():
         calibration, where = load_array(file), str(file)
     elif capture.calibration is not None:

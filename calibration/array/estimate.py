@@ -1,10 +1,11 @@
-"""Maximum-a-posteriori estimate of an array's gains, phases, delays and positions from the samples
-of a target capture.
+"""Maximum-a-posteriori estimate of an array's gains, phases, delays and antenna positions from the
+samples of a capture of the calibration target.
 
-Gauss–Newton on Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)², in a fixed
-gauge; shape is the deviation of a ball from the described target in its best pose. The priors keep
-unknowns at 0 that the echoes do not determine: offsets along the line of sight are almost
-indistinguishable from phases.
+Gauss–Newton steps minimise Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)²;
+what no echo determines, such as a motion of the whole array, is kept fixed. `shape` is the
+deviation of a ball from the described target in its best pose. The priors keep unknowns at 0 that
+the echoes do not determine: antenna offsets along the line of sight are almost indistinguishable
+from phases.
 """
 
 from dataclasses import replace
@@ -37,12 +38,11 @@ GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
 def estimate_array(
     capture: RadarCapture, target: Target, source: str = "target capture"
 ) -> ArrayCalibration:
-    """Estimate the array's calibration from the echoes of a target at rest (frames are averaged):
-    gain, phase, delay and position of each antenna, with standard deviations. source: name of the
-    capture in the file and in errors.
+    """Estimate the calibration of an array from the echoes of a target at rest, whose frames are
+    averaged: gain, phase, delay and position of each antenna, with standard deviations.
 
-    Raises HandbenchError for a planar scan, if a ball is not found, or if target and echoes
-    contradict each other.
+    source: name of the capture, for the result and for messages. Raises HandbenchError for a planar
+    scan, if a ball is not found, or if target and echoes contradict each other.
     """
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(
@@ -76,11 +76,11 @@ def estimate_array(
 
 
 def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, np.ndarray]:
-    """Find the most probable values of all unknowns for samples [t, r, f], by Gauss–Newton from a
-    first guess, and their covariance [u, u]. The noise level is that of the residual.
+    """Find the most probable values of all unknowns for samples [t, r, f] by Gauss–Newton steps:
+    (values, covariance [u, u]). The noise level is that of the residual.
 
-    state: unknowns of antennas and balls to begin with; echoes: model of the target's echoes.
-    Raises HandbenchError if the steps do not settle.
+    state: values of the unknowns to begin with; echoes: model of the target's echoes. Raises
+    HandbenchError if the steps do not converge.
     """
     floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
     information = prior.prior_information(state, echoes.target)
@@ -101,11 +101,11 @@ def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[
 
 
 def unexplained_share(samples: np.ndarray, state: State, echoes: TargetEchoes) -> float:
-    """Compute the share of the target's energy in samples [t, r, f] that the model with these
-    unknowns does not explain, noise deducted; at least the uncertainty by noise.
+    """Compute the share of the target's echo energy in samples [t, r, f] that the model with these
+    unknowns does not explain. Noise is deducted; the share is at least its uncertainty by noise.
 
     In range profiles relative to the target's middle, the balls are within a few range cells; the
-    noise is the median of the other cells.
+    median of the other cells gives the noise.
     """
     middle_m = state.centres_m.mean(axis=0)
     path_m = path_lengths(state.array, middle_m)
@@ -134,12 +134,12 @@ def _side(
     centres_m: np.ndarray,
     echoes: TargetEchoes,
 ) -> Side:
-    """Make the calibration of the transmitters or of the receivers, as stored in the file, from
-    their estimated unknowns.
+    """Convert the estimated unknowns of the transmitters, or of the receivers, to their calibration
+    in the file.
 
-    nominal_m [n, 3] and live [n]: of all antennas; found and covariance [live, 6, 6]: of the live
-    ones; centres_m [i, 3]: the balls. A dead antenna gets gain 0 and fixed large or prior standard
-    deviations.
+    nominal_m [n, 3], live [n]: positions of all antennas, and which of them work; found, covariance
+    [live, 6, 6]: estimates for those that work; centres_m [i, 3]: the balls. A dead antenna has
+    gain 0 and large standard deviations (of delay and position, those of the prior).
     """
     toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
     none = np.zeros(len(toward))

@@ -1,12 +1,12 @@
-"""Model of the calibration target's echoes at an imperfect array, and its derivatives by the
-unknowns:
+"""Model of the calibration target's echoes at an imperfect array, and its derivatives with respect
+to the unknowns:
 
     s[f, t, r] = a_t · b_r · Σ_i c_i · e_i[f, t, r]
     e_i ~ exp(−jk(|t − q_i| + |q_i − r| − 2R·cos β + 2δ))
 
-with the antennas' gains a, b (level, phase, delay), their true positions t, r, the balls' centres
-q_i and free complex strengths c_i, since the foam's index is not known to a hundredth of a
-wavelength.
+with the antennas' gains a, b (level, phase, delay), their true positions t, r, and the balls'
+centres q_i, radius R, half bistatic angle β and foam delay δ. The balls' complex strengths c_i are
+unknown too, since the foam's refractive index is not known precisely enough for phases.
 """
 
 from collections.abc import Iterator
@@ -25,10 +25,11 @@ BALL = 5  # a ball's unknowns: centre (all balls'), then log level (all), then p
 
 @dataclass(frozen=True)
 class Antennas:
-    """The unknowns of all transmitters or of all receivers.
+    """The unknowns of all transmitters, or of all receivers.
 
-    nominal_m [n, 3]: positions in captures; offset_m [n, 3]: from these to the true ones; log_gain
-    complex [n]: logarithm of the gain, log level + j · phase; delay_m [n]: of the cable, as a path.
+    nominal_m [n, 3]: positions in captures; offset_m [n, 3]: vectors from these to the true
+    positions; log_gain, complex [n]: logarithm of the gain, log level + j · phase; delay_m [n]:
+    delay of the cable, as a path in metres.
     """
 
     nominal_m: np.ndarray
@@ -38,18 +39,18 @@ class Antennas:
 
     @property
     def position_m(self) -> np.ndarray:
-        """True positions [n, 3]."""
+        """True positions [n, 3] of the antennas, metres."""
         return self.nominal_m + self.offset_m
 
     @property
     def unknowns(self) -> np.ndarray:
-        """All unknowns of each antenna [n, 6]: log level, phase, delay, offset (3)."""
+        """The unknowns of each antenna as a row [n, 6]: log level, phase, delay and offset (3)."""
         return np.column_stack(
             [self.log_gain.real, self.log_gain.imag, self.delay_m, self.offset_m]
         )
 
     def moved(self, step: np.ndarray) -> "Antennas":
-        """Return the antennas after adding a step [n, 6] to their unknowns."""
+        """Return the antennas with a step [n, 6] added to their unknowns."""
         log_gain = self.log_gain + step[:, LEVEL] + 1j * step[:, PHASE]
         return Antennas(
             self.nominal_m, log_gain, self.delay_m + step[:, DELAY], self.offset_m + step[:, PLACE]
@@ -58,9 +59,9 @@ class Antennas:
 
 @dataclass(frozen=True)
 class State:
-    """All unknowns of the calibration: those of transmitters and receivers, the balls' centres_m
-    [i, 3], and log_ball [i], the complex logarithm of their echoes' strengths. In vectors [u] of
-    unknowns they come in this order."""
+    """Values of all unknowns of the array's calibration: those of transmitters and receivers, the
+    balls' centres_m [i, 3], and log_ball [i], the complex logarithm of the balls' echo strengths.
+    Vectors [u] of all unknowns have them in this order."""
 
     tx: Antennas
     rx: Antennas
@@ -78,7 +79,7 @@ class State:
         return len(self.tx.delay_m), len(self.rx.delay_m), len(self.log_ball)
 
     def moved(self, step: np.ndarray) -> "State":
-        """Return the state after adding a step [u] to all unknowns."""
+        """Return the state with a step [u] added to all unknowns."""
         tx, rx, centres, (level, phase) = split(step, *self.counts)
         return State(
             self.tx.moved(tx),
@@ -89,8 +90,8 @@ class State:
 
 
 def split(values: np.ndarray, n_tx: int, n_rx: int, n_balls: int) -> tuple[np.ndarray, ...]:
-    """Split a vector of all unknowns [u] into its parts, which are views of it: transmitters [t,
-    6], receivers [r, 6], balls' centres [i, 3], and balls' strengths [2, i] (log level, phase)."""
+    """Split a vector of all unknowns [u] into views of its parts: transmitters [t, 6], receivers
+    [r, 6], balls' centres [i, 3], and balls' strengths [2, i] (log level, phase)."""
     ends = np.cumsum([EACH * n_tx, EACH * n_rx, 3 * n_balls])
     shapes = (n_tx, EACH), (n_rx, EACH), (n_balls, 3), (2, n_balls)
     return tuple(
@@ -112,13 +113,13 @@ class TargetEchoes:
 
     @property
     def reference_hz(self) -> float:
-        """The frequency at which gains are defined: an antenna's delay does not change its phase
-        there."""
+        """The frequency at which antennas' gains are defined, the middle of the sweep: delays do
+        not change the phase there."""
         return float(self.frequencies_hz.mean())
 
     def balls(self, centres_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-        """Simulate the echoes of the balls at these centres [i, 3], with strength 1 and antennas of
-        gain 1: complex64 [t, r, i, f]."""
+        """Simulate the echoes of balls at these centres [i, 3], with strength 1 and with antennas
+        of gain 1: complex64 [t, r, i, f]."""
         n_tx, n_rx = array.channels
         echoes = np.empty((n_tx, n_rx, len(centres_m), len(self.frequencies_hz)), np.complex64)
         for i, (element, delay_m) in enumerate(
@@ -131,16 +132,16 @@ class TargetEchoes:
         return echoes
 
     def gain(self, side: Antennas) -> np.ndarray:
-        """Compute the gains of the transmitters or receivers at each frequency, delays included:
-        complex64 [n, f]."""
+        """Compute the gains of the transmitters, or of the receivers, at each frequency, including
+        their delays: complex64 [n, f]."""
         about = self.wavenumber - self.wavenumber.mean()
         return np.exp(side.log_gain[:, None] - 1j * np.multiply.outer(side.delay_m, about)).astype(
             np.complex64
         )
 
     def terms(self, state: State) -> Iterator[np.ndarray]:
-        """Yield the modelled samples, one transmitter after another, as each ball's contribution:
-        complex64 [r, i, f]."""
+        """Yield the modelled samples of one transmitter after another, as a contribution of each
+        ball: complex64 [r, i, f]."""
         balls = self.balls(state.centres_m, state.array)
         strength = np.exp(state.log_ball).astype(np.complex64)[:, None]
         to, back = self.gain(state.tx), self.gain(state.rx)[:, None]
@@ -151,11 +152,11 @@ class TargetEchoes:
 def normal_equations(
     samples: np.ndarray, state: State, echoes: TargetEchoes
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Compute the normal equations of the fit to samples [t, r, f]: JᵀJ [u, u], Jᵀρ [u] and the
-    mean power of the residual ρ = samples − model.
+    """Compute the normal equations of the fit to samples [t, r, f]: (JᵀJ [u, u], Jᵀρ [u], mean
+    power of the residual ρ = samples − model).
 
-    J holds the derivatives by all unknowns [u]. A sample depends only on the unknowns of its two
-    antennas and of the balls: c = 12 + 5i columns per channel.
+    J has the derivatives of the samples with respect to all u unknowns. A sample depends only on
+    the unknowns of its two antennas and of the balls, so each channel has c = 12 + 5i columns of J.
     """
     n_tx, n_rx, n_balls = state.counts
     size = EACH * (n_tx + n_rx) + BALL * n_balls
@@ -190,8 +191,8 @@ def normal_equations(
 
 
 def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
-    """Compute the unit vectors [n, i, 3] from points [i, 3] to antennas [n]: the derivatives of the
-    path lengths by the antennas' offsets."""
+    """Compute the unit vectors [n, i, 3] from points [i, 3] to antennas [n], which are the
+    derivatives of the path lengths with respect to the antennas' offsets."""
     away = side.position_m[:, None] - points_m
     return away / np.linalg.norm(away, axis=2, keepdims=True)
 
@@ -199,11 +200,12 @@ def directions(points_m: np.ndarray, side: Antennas) -> np.ndarray:
 def _columns(
     terms: np.ndarray, slopes: tuple[np.ndarray, np.ndarray], wavenumber: np.ndarray
 ) -> np.ndarray:
-    """Compute the derivatives of one transmitter's modelled samples by the unknowns that they
-    depend on: float32 [r, c, 2f], real and imaginary parts in turn.
+    """Compute the derivatives of one transmitter's modelled samples with respect to the c unknowns
+    that they depend on: float32 [r, c, 2f], with real and imaginary parts in turn.
 
-    terms [r, i, f]: each ball's contribution; slopes: unit vectors [r, i, 3] from the balls to
-    transmitter and receivers. Order: transmitter, receiver, balls' centres, log levels, phases.
+    terms [r, i, f]: each ball's contribution; slopes: unit vectors [r, i, 3] from the balls to the
+    transmitter and to the receivers. The unknowns are in the order transmitter, receiver, balls'
+    centres, log levels, phases.
     """
     model = terms.sum(axis=1, keepdims=True)
     about = (wavenumber - wavenumber.mean()).astype(np.float32)

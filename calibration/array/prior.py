@@ -1,5 +1,6 @@
-"""Inputs of the array's estimate: priors of array and target, gauge freedoms, and the initial state
-(the target's pose in the raw image, and gains by alternating least squares)."""
+"""Prior knowledge and first values for the estimate of an array's calibration: tolerances of array
+and target, combinations of unknowns that no echo determines, the target's pose from the
+uncalibrated image, and gains by alternating least squares."""
 
 from dataclasses import replace
 
@@ -34,9 +35,9 @@ SEARCH = EchoSearch(threshold_db=-10.0)
 
 
 def prior_information(state: State, target: Target) -> np.ndarray:
-    """Compute the information matrix [u, u] (1/σ²) of what is known before the echoes: the
-    tolerances of the antennas' positions and cables, and of the balls' places in the target. It
-    does not constrain rigid motions of all balls."""
+    """Compute the information matrix [u, u] (1/σ²) of what is known about the unknowns without
+    echoes: the tolerances of the antennas' positions and cables, and of the balls' positions in the
+    target. Rigid motions of all balls together are not constrained."""
     n_tx, n_rx, n_balls = state.counts
     information = np.zeros(EACH * (n_tx + n_rx) + BALL * n_balls)
     for side in split(information, *state.counts)[:2]:
@@ -53,8 +54,12 @@ def prior_information(state: State, target: Target) -> np.ndarray:
 
 def prior_residuals(state: State, target: Target) -> np.ndarray:
     """Compute the deviations [u] of all unknowns from their prior values, in the unknowns' units,
-    not divided by σ. The prior values are 0 for the antennas' errors and, for the balls' centres,
-    the described target in the pose that fits them best. Balls' strengths have no prior: 0."""
+    not divided by σ.
+
+    The prior values are 0 for the antennas' errors and, for the balls' centres, the described
+    target in the pose that fits them best. The balls' strengths have no prior; their deviations are
+    0.
+    """
     strengths = np.zeros(2 * len(state.log_ball))
     parts = (
         state.tx.unknowns,
@@ -75,8 +80,8 @@ def check(state: State, left: float, target: Target, source: str) -> None:
     """Raise HandbenchError if the target explains too little of its echoes, or if the estimated
     errors of balls or antennas are much larger than their tolerances.
 
-    left: share of the echoes' energy that is not explained; source: name of the capture in the
-    message.
+    left: share of the echoes' energy that the model does not explain; source: name of the capture,
+    for the message.
     """
     if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
@@ -106,9 +111,9 @@ def check(state: State, left: float, target: Target, source: str) -> None:
 
 
 def gauges(state: State) -> np.ndarray:
-    """Return the combinations of unknowns [12, u] that no echo determines, and that steps therefore
-    leave unchanged: mean level, phase and delay of transmitters and of receivers, and the six rigid
-    motions of the whole array."""
+    """Return the combinations of unknowns [12, u] that no echo determines, and that the fit
+    therefore keeps fixed: mean level, phase and delay of transmitters and of receivers, and the six
+    rigid motions of the whole array."""
     n_tx, n_rx, n_balls = state.counts
     rows = np.zeros((12, EACH * (n_tx + n_rx) + BALL * n_balls))
     position_m = np.concatenate([state.tx.nominal_m, state.rx.nominal_m])
@@ -123,9 +128,9 @@ def gauges(state: State) -> np.ndarray:
 
 
 def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Invert a normal matrix [u, u] within the steps that do not change the undetermined
-    combinations `rows` [12, u] of the unknowns (bordered matrix). It is scaled to a unit diagonal
-    because metres and radians differ."""
+    """Invert a normal matrix [u, u] for steps that keep the combinations `rows` [12, u] of the
+    unknowns fixed, by a bordered matrix: the covariance [u, u]. The matrix is scaled to a unit
+    diagonal first, since metres and radians differ."""
     scale = 1 / np.sqrt(np.diag(normal))
     rows = rows * scale
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
@@ -136,11 +141,9 @@ def constrained_inverse(normal: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def nominal_state(capture: RadarCapture, target: Target) -> State:
-    """Make a first guess of all unknowns: an array without errors, and the target's balls at the
-    pose that the radar image shows, with strength 1.
-
-    Raises HandbenchError if a ball is not found in the image.
-    """
+    """Return first values of all unknowns: an array without errors, and the target's balls in the
+    pose that the radar image shows, with strength 1. Raises HandbenchError if a ball is not found
+    in the image."""
     found = match(find_balls(capture, target, SEARCH), target, "echoes")
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
     if missing:
@@ -160,18 +163,18 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
 
 def place_target(target: Target, seen_m: np.ndarray) -> np.ndarray:
     """Return the balls' centres [i, 3] as described, moved by the rigid motion that fits the
-    measured centres [i, 3] best."""
+    measured centres seen_m [i, 3] best."""
     described_m = target.centres_m + target.ball_offsets_m
     pose = umeyama(described_m, seen_m)
     return described_m @ pose[:3, :3].T + pose[:3, 3]
 
 
 def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, State]:
-    """Fit strengths and gains to samples [t, r, f], with antennas and balls at fixed places.
-    Returns two states: with the best strengths of the balls for the given gains, and with the best
-    strengths and gains.
+    """Fit the balls' strengths and the antennas' gains to samples [t, r, f], with antennas and
+    balls at fixed positions. Returns two states: one with the best strengths for the given gains,
+    one with the best strengths and gains.
 
-    For given balls, transmitters' gains follow by least squares from the receivers', and vice
+    By alternating least squares, the transmitters' gains follow from the receivers', and vice
     versa.
     """
     balls = echoes.balls(state.centres_m, state.array)
@@ -196,11 +199,12 @@ def fit_gains(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[
 def initial_states(
     samples: np.ndarray, nominal: State, echoes: TargetEchoes
 ) -> tuple[tuple[np.ndarray, np.ndarray], State, State]:
-    """Find the live antennas (less than 20 dB weaker than the median), and fit first guesses of all
-    unknowns to samples [t, r, f].
+    """Find the antennas that work, and fit first values of all unknowns to samples [t, r, f].
+    Antennas that are 20 dB or more weaker than the median are dead.
 
-    Returns the masks [t] and [r] of the live antennas, and two states of these antennas: the
-    nominal array with the balls' best strengths, and that with the best gains as well.
+    Returns ((boolean masks [t] and [r] of the antennas that work), state of the nominal array with
+    the balls' best strengths, state with the best gains as well). Both states have only these
+    antennas.
     """
     raw, state = fit_gains(samples, nominal, echoes)
     tx, rx = (side.log_gain.real for side in (state.tx, state.rx))
@@ -211,9 +215,10 @@ def initial_states(
 
 
 def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
-    """Return the state without dead antennas (live_tx [t], live_rx [r]: masks), scaled such that
-    the mean log level and mean phase of transmitters and of receivers are 0. What is taken from
-    them goes into the balls' strengths, so that the echoes do not change."""
+    """Return the state without dead antennas, and with gains scaled such that the mean log level
+    and mean phase of transmitters and of receivers are 0. The balls' strengths are scaled
+    inversely, so that the echoes do not change. live_tx [t], live_rx [r]: True for antennas that
+    work."""
     sides, taken = [], 0.0
     for side, live in ((state.tx, live_tx), (state.rx, live_rx)):
         log_gain = side.log_gain[live]
@@ -231,13 +236,16 @@ def live_part(state: State, live_tx: np.ndarray, live_rx: np.ndarray) -> State:
 
 def _strengths(matched: np.ndarray, gram: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Fit the balls' complex strengths [i] by least squares for given gains a [t] and b [r].
-    matched [t, r, i] and gram [t, r, i, i]: products of the balls' echoes with the samples and with
-    each other, summed over frequencies."""
+
+    matched [t, r, i], gram [t, r, i, i]: inner products of the balls' echoes with the samples and
+    with each other, summed over frequencies.
+    """
     gain = np.multiply.outer(a, b)
     together = np.einsum("tr,trij->ij", np.abs(gain) ** 2, gram, optimize=True)
     return np.linalg.solve(together, np.einsum("tr,tri->i", gain.conj(), matched, optimize=True))
 
 
 def _log(values: np.ndarray) -> np.ndarray:
-    """Compute the complex logarithm, log level + j · phase; for 0, that of a very small number."""
+    """Compute the complex logarithm, log level + j · phase; the logarithm of 0 is replaced by that
+    of a very small number."""
     return np.log(np.abs(values) + 1e-12) + 1j * np.angle(values)

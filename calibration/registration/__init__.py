@@ -1,1 +1,2 @@
-"""From matched points to `radar_from_photo` with its covariance."""
+"""Registration of the photo frame to the radar frame, from matched points: the transform
+`radar_from_photo` with its covariance."""

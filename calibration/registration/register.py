@@ -1,14 +1,15 @@
-"""Registration: the transform from the photo frame to the radar frame, from a target that both
-sensors measure.
+"""Registration: the transform from the photo frame to the radar frame, from a calibration target
+that both sensors measure.
 
-Each sensor's candidates are matched to the target's elements. The elements found by both give the
-transform: first in closed form (`majority`), then by weighted least squares with each centre's
-covariance (`fit`). The target's description only identifies the elements; registered are the two
-measurements.
+The objects that each sensor detects are matched to the target's elements. The elements that both
+sensors have found give the transform: first in closed form (`majority`), then by weighted least
+squares with the covariance of each centre (`fit`). The target's description serves only to identify
+the elements; the transform is between the two measurements.
 
-A capture and its repeat give two transforms with covariances; their difference shows motion of the
-rig. Errors common to all balls (creeping waves) are the same in every capture: they cancel in the
-difference, and repeats do not average them.
+Two captures of the target give two transforms with covariances, whose difference shows whether the
+rig of radar and cameras has moved. Errors that are common to all balls (such as those of creeping
+waves) are the same in every capture: they cancel in the difference, and averaging captures does not
+reduce them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,12 +41,12 @@ def measure(
     target: Target,
     pixel_m: float = 0.0,
 ) -> tuple[Pairs, np.ndarray]:
-    """Measure the balls' centres with both sensors in one capture of the target.
+    """Measure the balls' centres with both sensors in one capture of the target: (pairs of centres
+    from photographs and radar, covariance [3, 3] (m²) of the error common to all of them).
 
     points_m, normals [n, 3]: point cloud from photographs; pixel_m: size on the surface of a pixel
-    of its depth maps. Returns the pairs of centres (photographs, radar), and the covariance [3, 3]
-    (m²) of the error common to all of them. Raises HandbenchError if a sensor's candidates do not
-    match the target in exactly one way, or if the sensors share fewer than three elements.
+    of its depth maps. Raises HandbenchError if the objects that a sensor detects do not match the
+    target in exactly one way, or if the sensors share fewer than three elements.
     """
     optical = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
@@ -54,8 +55,8 @@ def measure(
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
-    """Compute the covariance [3, 3] (m²) of the error along z that all centres share, which
-    residuals do not show.
+    """Compute the covariance [3, 3] (m²) of the error that all centres share and that residuals
+    therefore do not show. It is along z only.
 
     It comes from the uncertainty of the foam's delay (√ε − 1)·(R − a), and from the bias of
     photogrammetry towards the cameras, which are around the radar. pixel_m: size on the surface of
@@ -69,11 +70,11 @@ def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
 def common_pairs(
     optical: Mapping[int, Candidate], radar: Mapping[int, Candidate], target: Target
 ) -> Pairs:
-    """Pair the balls' centres from photographs and radar for the elements (by index) that both have
-    found.
+    """Pair the balls' centres from photographs and radar, for the elements (by index) that both
+    have found. Raises HandbenchError for fewer than three.
 
-    In the photographs, a ball is at its sphere's centre plus the offset in the target's
-    description, with its tolerance. Raises HandbenchError for fewer than three.
+    Photographs show the foam sphere only: its ball is at the sphere's centre plus the offset in the
+    target's description, whose tolerance is added to the covariance.
     """
     common = sorted(optical.keys() & radar.keys())
     elements = [f"element {i + 1}" for i in common]
@@ -92,8 +93,8 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
 
     Pairs that contradict the majority are reported and left out. with_scale: estimate a scale too;
     common_m2 [3, 3]: covariance (m²) of an error common to all pairs, added to the translation's.
-    Raises HandbenchError if the pairs do not determine the rotation, or contradict one another
-    without a majority.
+    Raises HandbenchError if the pairs do not determine the rotation, or contradict one another so
+    that there is no majority.
     """
     kept, found = majority(pairs, with_scale)
     residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
@@ -113,7 +114,7 @@ class RigMotion:
     """Motion of the rig (radar and cameras relative to each other) between two captures.
 
     step: change of the transform about the hand's centre, [shift_m, rotation_rad(, log scale)];
-    covariance: of the step, [6, 6] or [7, 7]; first, second: names of the captures.
+    covariance [6, 6] or [7, 7]: that of the step; first, second: names of the captures.
     """
 
     step: np.ndarray
@@ -123,18 +124,19 @@ class RigMotion:
 
     @property
     def chi2(self) -> float:
-        """Squared Mahalanobis distance of the step from zero."""
+        """Squared Mahalanobis distance of the step (change of the transform) from zero."""
         return float(self.step @ np.linalg.solve(self.covariance, self.step))
 
     @property
     def probability(self) -> float:
-        """Probability (p-value) that a rig at rest shows a step this large or larger."""
+        """p-value of the step: the probability that a rig at rest shows a step this large or
+        larger."""
         return float(chi2.sf(self.chi2, len(self.step)))
 
     @property
     def moved(self) -> bool:
-        """True if the rig moved: at rest, fewer than 1 % of all repeats would show so large a
-        step."""
+        """True if the rig moved: fewer than 1 % of all pairs of captures of a rig at rest would
+        show so large a step."""
         return self.probability < FALSE_ALARM
 
     @property
@@ -144,9 +146,12 @@ class RigMotion:
 
     @property
     def interval_m(self) -> tuple[float, float]:
-        """Interval of `shift_m`, metres, that holds the true distance with a probability of 95 % or
-        more: from the confidence ellipsoid of the shift (Scheffé 1953), along the shift found for
-        its lower end, and along its longest axis for the upper end."""
+        """Confidence interval of `shift_m`, metres, which contains the true distance with a
+        probability of 95 % or more.
+
+        It follows from the confidence ellipsoid of the shift (Scheffé 1953): its radius along the
+        estimated shift gives the lower end, its longest radius the upper end.
+        """
         reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
         along = self.step[:3] / max(self.shift_m, 1e-300)
         low = self.shift_m - reach * np.sqrt(along @ spread @ along)
@@ -174,12 +179,12 @@ def motion(
     common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
 ) -> RigMotion:
-    """Estimate the rig's motion between two captures of the target from their transforms (photo to
-    radar frame).
+    """Estimate the rig's motion between two captures of the target from the transforms (photo to
+    radar frame) of both.
 
-    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations, and
-    cancels. names: of the captures, for messages. Raises HandbenchError if frames or unknowns
-    differ, or if a covariance is missing or smaller than common_m2.
+    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations and cancels
+    in the difference; names: names of the captures, for messages. Raises HandbenchError if frames
+    or unknowns differ, or if a covariance is missing or smaller than common_m2.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
@@ -214,13 +219,13 @@ def combine(
     ball_offset_sigma_m: float = 0.0,
 ) -> Transform:
     """Compute the transform from the photo frame to the radar frame from several captures of one
-    target, by joint weighted least squares.
+    target, by joint weighted least squares. Residuals are in the order of the captures.
 
-    with_scale: estimate a scale too. common_m2 [3, 3]: covariance (m²) of an error common to all
-    pairs; it is the same in all captures, so it is not averaged. The same holds for the balls'
-    offsets in their spheres (ball_offset_sigma_m, part of the pairs' covariances), if the target is
-    not turned between captures. Residuals are in the order of the captures. Raises HandbenchError
-    if the rig moved between two captures.
+    with_scale: estimate a scale too; names: names of the captures, for messages. common_m2 [3, 3]:
+    covariance (m²) of an error common to all pairs and captures, which averaging does not reduce.
+    ball_offset_sigma_m: standard deviation of the balls' offsets in their spheres, part of the
+    pairs' covariances; it is not reduced either, since the target is assumed to keep its
+    orientation. Raises HandbenchError if the rig moved between two captures.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
     both = zip(names, captures, strict=True)
@@ -247,8 +252,8 @@ def combine(
 
 
 def require_no_motion(transforms: Sequence[Transform], names: Sequence[str]) -> None:
-    """Raise HandbenchError if the rig moved between any two captures. All pairs are tested at a
-    joint false-alarm probability of 1 % (Bonferroni)."""
+    """Raise HandbenchError if the rig moved between any two captures. All combinations of two
+    captures are tested together at a false-alarm probability of 1 % (Bonferroni)."""
     every_two = combinations(zip(transforms, names, strict=True), 2)
     motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
     worst = min(motions, key=lambda m: m.probability, default=None)

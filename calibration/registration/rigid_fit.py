@@ -1,11 +1,11 @@
-"""Rigid fit: the similarity between pairs of centres by weighted least squares, and the majority of
-pairs that agree.
+"""Fit of a similarity to pairs of centres by weighted least squares, with rejection of pairs that
+contradict the majority.
 
 Coordinates are relative to the pairs' middle: far from it, rotation and translation are numerically
-indistinguishable. Outliers are rejected: every triple of pairs proposes a transform, and the one
-with the least trimmed squares (Rousseeuw 1984; over the nearest majority, weighted by covariances)
-selects the majority. A forward search (Atkinson & Riani 2000) then adds pairs, nearest first, as
-long as they agree with the prediction.
+indistinguishable. For the rejection, every triple of pairs gives a transform; the one with the
+least trimmed squares (Rousseeuw 1984; over the nearest majority of the pairs, weighted by
+covariances) selects a majority. A forward search (Atkinson & Riani 2000) then adds further pairs,
+nearest first, as long as they agree with the fit's prediction.
 """
 
 from collections.abc import Sequence
@@ -43,10 +43,10 @@ DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 @dataclass(frozen=True)
 class Pairs:
-    """The same points (balls' centres) measured by two sensors, source and target.
+    """The same points (balls' centres) as measured by two sensors, called source and target.
 
     source_m, target_m [n, 3]: positions, metres, each in its sensor's frame; source_m2, target_m2
-    [n, 3, 3]: their covariances; names [n] for messages.
+    [n, 3, 3]: their covariances, m²; names [n]: names of the pairs, for messages.
     """
 
     source_m: np.ndarray
@@ -59,9 +59,9 @@ class Pairs:
     def of(
         cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()
     ) -> "Pairs":
-        """Make pairs from the candidates of two sensors, in the same order. Raises HandbenchError
-        for fewer than three, for numbers that are not finite and for covariances that are not
-        positive definite."""
+        """Make pairs from the measured centres of two sensors, listed in the same order. Raises
+        HandbenchError for fewer than three, for numbers that are not finite, and for covariances
+        that are not positive definite."""
         if len(source) != len(target) or len(source) < 3:
             raise HandbenchError(
                 f"target: photographs and echoes share {min(len(source), len(target))} elements; "
@@ -100,16 +100,16 @@ class Pairs:
         return Pairs(**both, names=self.names + other.names)
 
     def mirrored(self) -> "Pairs":
-        """Return the pairs with the source points mirrored at z = 0."""
+        """Return the pairs with all source points mirrored at the plane z = 0."""
         flip = np.array([1.0, 1.0, -1.0])
         return replace(
             self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip)
         )
 
     def weights(self, with_scale: bool) -> np.ndarray:
-        """Compute the weight of each pair [n], 1/m², for the closed-form fit: the inverse of the
-        variance of its residual, averaged over the axes. with_scale: the source's variances are
-        scaled to the target's size first."""
+        """Compute the weight of each pair [n], 1/m², for the closed-form fit: the inverse of its
+        residual's variance, averaged over the axes. with_scale: a scale is fitted too, so the
+        source's variances are scaled to the target's size first."""
         extents = [
             np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
         ]
@@ -117,33 +117,34 @@ class Pairs:
         return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
 
     def covariances(self, linear: np.ndarray) -> np.ndarray:
-        """Compute the covariances [n, 3, 3] of the residuals, m², under the linear part L = s·R [3,
-        3] of a similarity: L·C_p·Lᵀ + C_q, with source C_p and target C_q."""
+        """Compute the covariances [n, 3, 3] of the residuals, m², for a similarity with the linear
+        part L = s·R [3, 3]: L·C_p·Lᵀ + C_q, with the covariances C_p of source points and C_q of
+        target points."""
         return linear @ self.source_m2 @ linear.T + self.target_m2
 
     def offsets(self, matrix: np.ndarray) -> np.ndarray:
-        """Compute the residuals [n, 3] under a similarity [4, 4], metres: target minus transformed
-        source, q − s·R·p − t."""
+        """Compute the residuals [n, 3], metres, of a similarity [4, 4]: target minus transformed
+        source points, q − s·R·p − t."""
         return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
 
     def distances(self, matrix: np.ndarray) -> np.ndarray:
-        """Compute the lengths [n] of the residuals under a similarity [4, 4], in standard
-        deviations (Mahalanobis)."""
+        """Compute the lengths [n] of the residuals of a similarity [4, 4] in standard deviations
+        (Mahalanobis distances)."""
         return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
 
     def condition(self, with_scale: bool) -> float:
         """Compute how unevenly the pairs determine the rotation: its uncertainty about the worst
-        axis divided by that about the best one. with_scale: as in `weights`."""
+        axis divided by that about the best one. with_scale: a scale is fitted too."""
         return condition_number(self.source_m, self.target_m, self.weights(with_scale))
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A fitted similarity, matrix [4, 4], and its quality.
+    """A similarity fitted to pairs of points, matrix [4, 4], and its quality.
 
-    covariance [6, 6] or [7, 7]: of [translation_m, rotation_rad(, log scale)] about the point
+    covariance [6, 6] or [7, 7]: that of [translation_m, rotation_rad(, log scale)] about the point
     pivot_m [3] in the target's frame; distances [n]: residuals in standard deviations; freedom:
-    number of residuals minus that of unknowns.
+    degrees of freedom, number of residuals minus that of unknowns.
     """
 
     matrix: np.ndarray
@@ -153,13 +154,14 @@ class RigidFit:
     freedom: int
 
     def covariance_about_origin(self) -> np.ndarray:
-        """Convert the covariance to one about the target frame's origin, as `Transform` has it."""
+        """Convert the covariance, which is about pivot_m, to one about the origin of the target
+        frame, as in `Transform`."""
         carry = adjoint(-self.pivot_m, len(self.covariance))
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:
-        """Compute the residuals [n] of pairs that were not fitted, in standard deviations of their
-        own and the fit's uncertainty together."""
+        """Compute the residuals [n] of pairs that were not fitted, in standard deviations: those of
+        the pairs' own errors and the fit's uncertainty together."""
         offsets = pairs.offsets(self.matrix)
         jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[
             ..., : len(self.covariance)
@@ -172,10 +174,11 @@ def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
     """Fit the similarity from source to target points by maximum likelihood, without rejecting any
     pair. with_scale: estimate a scale too. The pairs must determine a rotation.
 
-    Starts from the closed form (Umeyama 1991, weighted). Gauss–Newton on Σ dᵀC⁻¹d with d = q −
-    s·R·p − t and C = s²·R·C_p·Rᵀ + C_q, Huber's weights on the residuals. The covariance is the
-    inverse normal matrix, enlarged by χ² over the degrees of freedom when the residuals contradict
-    it (99 %). Raises HandbenchError if the pairs contradict one another too far.
+    The fit starts from the closed form (Umeyama 1991, weighted). Gauss–Newton steps then minimise Σ
+    dᵀC⁻¹d with d = q − s·R·p − t and C = s²·R·C_p·Rᵀ + C_q; large residuals have reduced weights
+    (Huber). The covariance is the inverse of the normal matrix; if the residuals contradict it (99
+    %), it is enlarged by χ² over the degrees of freedom. Raises HandbenchError if the pairs
+    contradict one another so far that the equations are singular.
     """
     unknowns = 7 if with_scale else 6
     p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
@@ -209,14 +212,14 @@ def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
 
 
 def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
-    """Compute the lengths √(dᵀ·I·d) [n] of offsets d [n, 3] in standard deviations, under
-    information matrices I [n, 3, 3] (inverse covariances)."""
+    """Compute the lengths √(dᵀ·I·d) [n] of offsets d [n, 3] in standard deviations. information [n,
+    3, 3]: I, the inverse covariances of the offsets."""
     return np.sqrt(np.einsum("ni,nij,nj->n", offsets, information, offsets))
 
 
 def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Solve normal · x = right for x. The unknowns, which have different units, are scaled to a
-    unit diagonal first. Raises HandbenchError for a singular matrix."""
+    """Solve the normal equations normal · x = right for x. They are scaled to a unit diagonal
+    first, since the unknowns have different units. Raises HandbenchError for a singular matrix."""
     root = np.sqrt(np.diag(normal))
     right = (right.T / root).T
     try:
@@ -230,13 +233,13 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidFit]:
-    """Find the majority of pairs that agree on one similarity: their mask [n], and the fit to them.
-    with_scale: estimate a scale too.
+    """Find the majority of pairs that agree on one similarity: (boolean mask [n], fit to these
+    pairs). with_scale: estimate a scale too.
 
-    Raises HandbenchError if they do not determine the rotation (with its condition number), if
-    fewer than four, or fewer than 60 %, agree (three of four do not outvote the fourth: in a plane
-    they equal their mirror image, and three distances agree by chance more often than six), or if
-    more of them agree as a mirror image.
+    Raises HandbenchError if the pairs do not determine the rotation (with their condition number),
+    if more of them agree as a mirror image, and if fewer than four, or fewer than 60 %, agree.
+    Three of four are not enough: in a plane they equal their mirror image, and three distances
+    agree by chance more often than six.
     """
     kept, found = _largest_agreement(pairs, with_scale)
     agree = int(kept.sum())
@@ -270,8 +273,8 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
 
 
 def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
-    """Raise HandbenchError, with the condition number, if the pairs do not determine the rotation,
-    since they lie almost on a line."""
+    """Raise HandbenchError, with the condition number, if the pairs do not determine the rotation
+    because they are almost on a line."""
     condition = pairs.condition(with_scale)
     if condition > CONDITION:
         raise HandbenchError(
@@ -283,8 +286,8 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
 
 
 def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, RigidFit]:
-    """Find the pairs that agree on one similarity. Returns their mask [n], all False if there is no
-    majority, and the fit to them (or to the best attempt at a majority)."""
+    """Find the pairs that agree on one similarity: (boolean mask [n], fit to these pairs). If there
+    is no majority, the mask is False everywhere and the fit is that to the best attempt."""
     if pairs.condition(with_scale) <= CONDITION:
         matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))
         if pairs.distances(matrix).max() <= GROSS:
@@ -308,9 +311,11 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Rigi
 
 
 def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
-    """Choose the 60 % of the pairs (four or more) that agree best: a mask [n]. Every triple of
-    pairs proposes a transform; chosen are the pairs nearest under the one with the least sum of
-    their squared residuals."""
+    """Choose the 60 % of the pairs (four or more) that agree best: a boolean mask [n].
+
+    Every triple of pairs gives a transform; chosen are the pairs with the smallest residuals under
+    the transform for which the sum of their squares is least.
+    """
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     best, least = np.arange(needed), np.inf
     for triple in triples(len(pairs)):

@@ -1,1 +1,2 @@
-"""The calibration target: its description, and its detection by radar and by photographs."""
+"""The calibration target: its description, and the detection of its spheres and balls by radar and
+in photographs."""

@@ -1,10 +1,10 @@
-"""Maximum-likelihood positions of the target's balls, fitted to the echoes jointly.
+"""Maximum-likelihood positions of the target's steel balls, by a joint fit to the radar's samples.
 
-The echo of an identified ball is known up to position and strength: Mie's series with the foam's
-delay, plus the echo of the foam's front, which the image does not resolve from the ball's within
-the range resolution. Positions and complex strengths of all balls are fitted to the samples by
-least squares (Gauss–Newton, maximum likelihood in white noise), so neighbours and foam do not bias
-a ball's position.
+The echo of an identified ball is known except for its position and strength: Mie's series with the
+foam's delay, plus the echo of the foam's front, which is too close to the ball for the range
+resolution to separate them. Positions and complex strengths of all balls are fitted to the samples
+together by least squares (Gauss–Newton, maximum likelihood in white noise), so that neighbours and
+foam do not bias a ball's position.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,14 +39,14 @@ def fit_balls(
     balls: Mapping[int, DetectedBall],
     others: Sequence[DetectedBall] = (),
 ) -> dict[int, DetectedBall]:
-    """Fit the centres of the target's balls to the echoes. Returns each ball, by its element's
-    index, with a new centre and covariance.
+    """Fit the centres of the target's balls to the echoes: the balls with new centres and
+    covariances, by element index.
 
-    balls: detected balls, by element. others: further echoes; those outside all elements' foam are
-    fitted too, at fixed positions. The covariance is from the residual: white noise, or the
-    residual's image around a ball if that is stronger (echoes of other objects there). Raises
-    HandbenchError for balls that would overlap, for balls without echoes, and if the fit moves a
-    ball too far from its peak.
+    balls: detected balls, by element index. others: further echoes; those outside all elements'
+    foam are included in the fit, near fixed positions. The noise in the covariances is white noise
+    as strong as the residual or, if that is stronger, the image of the residual around a ball
+    (echoes of other objects there). Raises HandbenchError for balls that would overlap, for balls
+    without echoes, and if the fit moves a ball too far from its peak.
     """
     # two balls at one place have one echo, and a fit of two to it fails
     for i, j in combinations(sorted(balls), 2):
@@ -98,9 +98,9 @@ def _settle(
     centres_m: Mapping[int, np.ndarray],
     others: Sequence[DetectedBall],
 ) -> tuple[dict[int, np.ndarray], np.ndarray, np.ndarray]:
-    """Fit the centres and strengths of all balls by Gauss–Newton, from centres near them. Returns
-    the centres by element, the inverse normal matrix of all real unknowns (seven of each ball
-    first), and the residual samples [f, t, r]."""
+    """Fit the centres and strengths of all balls by Gauss–Newton steps from nearby centres_m:
+    (centres by element index, inverse normal matrix of all real unknowns, residual samples [f, t,
+    r]). The first unknowns are seven for each ball."""
     samples = capture.samples[0].reshape(-1)
     elements, places_m = list(centres_m), np.array(list(centres_m.values()))
     strangers = _strangers(capture, target, centres_m, others)
@@ -136,12 +136,12 @@ def _settle(
 def _polarisation_shift(
     capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray
 ) -> np.ndarray:
-    """Compute the apparent shift [3], metres, of the ball of element `number` if the antennas'
-    field is along x, while the model assumes the mean over its directions; along y the shift is
-    opposite.
+    """Compute by how much the fitted position of the ball of element `number` is wrong if the
+    antennas' electric field is along x, while the model assumes the mean over all directions: [3],
+    metres. For a field along y the shift is opposite.
 
-    Creeping waves differ along and across the field: a few µm for radii of 2.5 mm and more, since
-    channels of all angles contribute.
+    The cause is that creeping waves differ along and across the field. The shift is a few µm for
+    radii of 2.5 mm and more, since channels of all angles contribute.
     """
     element, delay_m = target.element[number], target.foam_delay_m[number]
     few = replace(
@@ -162,8 +162,9 @@ def _polarisation_shift(
 def _columns(
     target: Target, number: int, centre_m: np.ndarray, capture: RadarCapture
 ) -> np.ndarray:
-    """Compute the five model columns [5, f·t·r] of element `number`: the echo of its ball at
-    centre_m, its derivatives by the three coordinates, and the echo of the foam's front."""
+    """Compute the model of element `number` as five columns [5, f·t·r]: the echo of its ball at
+    centre_m, the derivatives with respect to the three coordinates, and the echo of the foam's
+    front."""
     element, delay_m = target.element[number], target.foam_delay_m[number]
     frequencies_hz, array = capture.frequencies_hz, mimo_array(capture)
     ball = sphere_echo(centre_m, element.ball_radius_m, delay_m, frequencies_hz, array)
@@ -176,8 +177,8 @@ def _columns(
 def _with_slopes(
     echo: np.ndarray, point_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Return an echo scaled to unit norm, followed by its derivatives −jk·∂path/∂(x, y, z) by the
-    place of its source: [4, f, t, r]."""
+    """Return an echo scaled to unit norm, followed by its derivatives −jk·∂path/∂(x, y, z) with
+    respect to the position point_m of its source: [4, f, t, r]."""
     echo = echo / np.linalg.norm(echo)
     k = (2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S).astype(np.float32)
     gradient = path_gradients(point_m, array).astype(np.float32)
@@ -189,8 +190,8 @@ def _with_slopes(
 def _front(
     element: Element, centre_m: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Simulate the echo [f, t, r] of the front of an element's foam sphere, scaled to unit norm: a
-    specular reflection with amplitude ∝ 1/f."""
+    """Simulate the echo of the front of an element's foam sphere, scaled to unit norm: [f, t, r].
+    It is a specular reflection with an amplitude ∝ 1/f."""
     echo = specular_echo(centre_m, element.sphere_radius_m, frequencies_hz, array)
     echo /= (frequencies_hz / frequencies_hz[0])[:, None, None].astype(np.float32)
     return echo / np.linalg.norm(echo)
@@ -202,9 +203,9 @@ def _strangers(
     centres_m: Mapping[int, np.ndarray],
     others: Sequence[DetectedBall],
 ) -> np.ndarray:
-    """Compute the model columns [4·n, f·t·r] of other objects' echoes: for each peak outside all
-    elements' foam, a point's echo and its derivatives by position. Each column has a free complex
-    strength, to fit objects larger than a point."""
+    """Compute the model of other objects' echoes as columns [4·n, f·t·r]: for each of n peaks
+    outside all elements' foam, the echo of a point and its derivatives by position. Each column
+    gets its own complex strength in the fit, which then also suits objects larger than a point."""
     array, frequencies_hz = mimo_array(capture), capture.frequencies_hz
     peaks_m = {tuple(ball.peak_m) for ball in others}
     foreign = [
@@ -223,11 +224,11 @@ def _strangers(
 
 
 def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
-    """Fit the complex strength of each ball at fixed positions, together with those of foam fronts
-    and other objects.
+    """Fit the complex strength of each ball at fixed positions, together with the strengths of foam
+    fronts and other objects: [elements].
 
-    gram [c, c] and onto [c]: products of the model columns with each other and with the samples;
-    elements: number of balls.
+    gram [c, c], onto [c]: inner products of the c model columns with each other and with the
+    samples; elements: number of balls.
     """
     fixed = np.concatenate(
         [
@@ -239,8 +240,8 @@ def _strengths(gram: np.ndarray, onto: np.ndarray, elements: int) -> np.ndarray:
 
 
 def _real(strengths: np.ndarray, strangers: int) -> np.ndarray:
-    """Make the matrix [c, u] from real unknowns [u] to complex coefficients of the model columns
-    [c]. strengths: of the balls, with which their derivatives scale; strangers: number of columns
-    of other objects."""
+    """Return the matrix [c, u] that converts real unknowns [u] to complex coefficients of the c
+    model columns. strengths: complex strengths of the balls, which multiply the derivatives by
+    position; strangers: number of columns of other objects."""
     of_elements = [np.array([1, s, s, s, 1])[:, None] * REAL for s in strengths]
     return np.asarray(block_diag(*of_elements, *[[1, 1j]] * strangers))

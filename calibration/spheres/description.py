@@ -1,9 +1,9 @@
 """The calibration target: foam spheres, visible in photographs, with steel balls inside, visible to
-the radar.
+the radar. It is described in a file, and detected objects are matched to its elements.
 
-After Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not public. The
-fifth element breaks the square's symmetry. A sensor's candidates are matched to the elements by
-distances; ambiguous matches are refused.
+The target is after Wirth et al. 2024 (arXiv 2403.10981); sizes are parameters, since theirs are not
+public. Its fifth element breaks the square's symmetry. Detected objects are matched to the elements
+by their distances; an ambiguous match is an error.
 """
 
 from collections.abc import Sequence
@@ -32,8 +32,8 @@ HEADER = """\
 
 
 class Element(Config):
-    """One foam sphere with a steel ball in it: centre and radii in the target's frame, metres.
-    ball_offset_m: from the sphere's centre to the ball's, where it was measured."""
+    """One foam sphere with a steel ball in it. centre_m: the sphere's centre in the target's frame;
+    ball_offset_m: measured vector from the sphere's centre to the ball's (default: 0)."""
 
     centre_m: tuple[Near, Near, Near]
     sphere_radius_m: float = Field(gt=0, le=1)
@@ -62,22 +62,22 @@ class Target(Config):
 
     @property
     def ball_offsets_m(self) -> np.ndarray:
-        """The offsets [n, 3] from the foam spheres' centres to their balls', metres."""
+        """The vectors [n, 3] from the foam spheres' centres to their balls' centres, metres."""
         return np.array([e.ball_offset_m for e in self.element])
 
     @property
     def foam_delay_m(self) -> np.ndarray:
-        """One-way optical path [n], metres, that the foam adds to an echo from each ball's surface:
-        (√ε_r − 1)·(R_sphere − r_ball). The ball is in the sphere's middle, so that every antenna
-        sees the same delay to first order."""
+        """One-way optical path [n], metres, that the foam adds to the echo of each ball: (√ε_r −
+        1)·(R_sphere − r_ball). The ball is in the sphere's middle, so that the delay is the same
+        for all antennas to first order."""
         depth = np.array([e.sphere_radius_m - e.ball_radius_m for e in self.element])
         return (np.sqrt(self.foam_permittivity) - 1) * depth
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may be an element of the target, as measured by one sensor: centre_m [3], covariance_m2
-    [3, 3], and the indices of the elements that have its size."""
+    """An object detected by one sensor that may be an element of the target: its centre_m [3],
+    covariance_m2 [3, 3], and the indices of the elements that have its size."""
 
     centre_m: np.ndarray
     covariance_m2: np.ndarray
@@ -89,9 +89,9 @@ CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
 def default_target() -> Target:
-    """Make the default target: four 50 mm spheres at the corners of a 120 mm square and a fifth, 30
-    mm, off its symmetry axes. The target's frame has its origin at the square's centre, the square
-    in x and y, and z away from the radar."""
+    """Return the default target: four spheres of 50 mm diameter at the corners of a 120 mm square,
+    and a fifth one of 30 mm off its symmetry axes. The origin of the target's frame is the square's
+    centre; the square is in x and y, and z points away from the radar."""
     half = SQUARE_M / 2
     square = [(-half, -half), (half, -half), (half, half), (-half, half)]
     corners = [
@@ -102,22 +102,24 @@ def default_target() -> Target:
 
 
 def load_target(path: str | Path) -> Target:
-    """Read a target's description from a TOML file. Raises HandbenchError for a malformed one."""
+    """Read a target's description from a TOML file. Raises HandbenchError for a malformed file."""
     return load(Target, path, "a calibration target description")
 
 
 def save_target(path: str | Path, target: Target) -> None:
-    """Write a target description (TOML), atomically."""
+    """Write a target's description to a TOML file, atomically."""
     write_text(path, HEADER + tomlkit.dumps(target.model_dump()))
 
 
 def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
-    """Find out which candidate is which element of the target. Returns the matched candidates by
-    element, for the largest set that a rigid motion (without reflection) maps to the target's
-    elements. sensor: name of the candidates in errors.
+    """Find which detected object (candidate) is which element of the target: the matched candidates
+    by element index. They are the largest set that a rigid motion without reflection maps to the
+    target's elements.
 
-    Raises HandbenchError if fewer than min(4, all) elements match, if they are on a line, or if the
-    match is ambiguous: a symmetric target, or its asymmetric element not found.
+    sensor: what detected the candidates, for messages. Raises HandbenchError if fewer than four
+    elements match (or fewer than all, if the target has three), if they are on a line, or if the
+    match is ambiguous: the target is symmetric, or the element that breaks its symmetry was not
+    found.
     """
     needed = min(4, len(target.element))
     found = assignments(candidates[:MAX_CANDIDATES], target)
@@ -139,9 +141,12 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
 
 
 def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignment]:
-    """List all ways to assign candidates to elements, element → candidate, of the largest size:
-    distances between candidates equal those of their elements within TOLERANCE_M, and a rotation
-    maps all elements to their candidates."""
+    """List all ways to assign detected objects (candidates) to elements, as dictionaries element
+    index → candidate index, that have the largest number of elements.
+
+    The distances between candidates must equal those between their elements within TOLERANCE_M, and
+    a rotation must map all these elements to their candidates.
+    """
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
     count = len(target.element)
@@ -169,8 +174,9 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
 
 
 def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarray) -> bool:
-    """Tell whether a rigid motion without reflection maps the chosen elements to their candidates,
-    within TOLERANCE_M: distances alone do not exclude a reflection."""
+    """Return True if a rigid motion without reflection maps the chosen elements to their
+    candidates, within TOLERANCE_M. Equal distances are not enough for that: a mirror image has them
+    too."""
     source, target = elements_m[list(chosen)], centres_m[list(chosen.values())]
     matrix = umeyama(source, target)
     offset = target - source @ matrix[:3, :3].T - matrix[:3, 3]

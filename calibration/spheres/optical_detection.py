@@ -1,9 +1,9 @@
-"""Detection of the target's foam spheres in a point cloud.
+"""Detection of the target's foam spheres in a point cloud from photographs.
 
 Each point votes for the centre one radius behind it along its normal (a Hough transform with known
 radius); at maxima of the votes, robust least squares of |p − c| − R refine the sphere. A sphere is
-visible from one side only and may be partly hidden, so a cap of 15 % of its surface must suffice.
-On such a cap, depth and radius are strongly correlated; the radius is constrained by its
+visible from one side only and may be partly hidden, so that a cap of 12 % of its surface is enough.
+On such a cap, depth and radius are strongly correlated; the radius is therefore constrained by its
 manufacturing tolerance.
 """
 
@@ -40,9 +40,9 @@ PATCH = 0.5
 
 @dataclass(frozen=True)
 class Sphere(Candidate):
-    """A foam sphere detected in a point cloud. radius_m: its radius when fitted without the
-    tolerance (a check); inliers: number of points of the thinned cloud on it; coverage: share of
-    its surface that they cover."""
+    """A foam sphere detected in a point cloud. radius_m: its radius if that is fitted freely, as a
+    check; inliers: number of points on it, after thinning of the cloud; coverage: share of its
+    surface that they cover."""
 
     radius_m: float
     inliers: int
@@ -51,8 +51,8 @@ class Sphere(Candidate):
 
 @dataclass(frozen=True)
 class OrientedPoints:
-    """Points [n, 3] with unit normals [n, 3]; oriented: whether the normals point outward, or have
-    an arbitrary sign."""
+    """Points [n, 3] of a cloud with unit normals [n, 3]. oriented: True if the normals point
+    outward, False if their sign is arbitrary."""
 
     points_m: np.ndarray
     normals: np.ndarray
@@ -65,8 +65,8 @@ class OrientedPoints:
 def find_spheres(
     points_m: np.ndarray, normals: np.ndarray | None, target: Target, pixel_m: float = 0.0
 ) -> list[Sphere]:
-    """Find all spheres with radii of the target's elements in a point cloud, those with most points
-    first.
+    """Find all spheres in a point cloud that have the radius of an element of the target, those
+    with most points first.
 
     points_m: [n, 3], metres; normals: [n, 3], outward (towards the cameras), or None to estimate
     them; pixel_m: size on the surface of a pixel of the cloud's depth maps, which enlarges the
@@ -99,9 +99,9 @@ def find_spheres(
 
 
 def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float) -> OrientedPoints:
-    """Replace the points in each occupied voxel of side voxel_m by their mean, and their normals by
-    the mean normal, which gives all parts of a surface the same weight. Voxels whose normals cancel
-    are dropped. Missing normals are estimated from local planes, without a sign."""
+    """Replace all points in a voxel of side voxel_m by their mean, with the mean of their normals,
+    so that all parts of a surface have the same weight. Voxels whose normals cancel are dropped. If
+    normals is None, they are estimated from local planes, with an arbitrary sign."""
     owner = _cells(points_m, voxel_m)
     count = np.bincount(owner)
     mean = _mean_by(owner, count, points_m)
@@ -124,8 +124,8 @@ def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float)
 def meeting_points(cloud: OrientedPoints, radius_m: float) -> Iterator[np.ndarray]:
     """Yield likely centres [3] of spheres of this radius, the likeliest first.
 
-    Each point votes for the place one radius behind it along its normal (on both sides where the
-    normal's sign is unknown); centres are the maxima of the votes' density.
+    Each point votes for the position one radius behind it along its normal (and in front of it, if
+    the normal's sign is unknown); the centres are the maxima of the votes' density.
     """
     votes = cloud.points_m - radius_m * cloud.normals
     if not cloud.oriented:
@@ -150,10 +150,11 @@ def fit_sphere(
     """Fit a sphere to the points near a first guess of its centre; None if the points do not
     support it.
 
-    M-estimate (Tukey's biweight, iteratively reweighted Gauss–Newton) of the centre and of the
-    radius' deviation from radius_m, with prior standard deviation radius_sigma_m. elements: indices
-    of the target's elements with this radius, passed on. The covariance is the sandwich A⁻¹BA⁻¹,
-    with B enlarged for correlated errors of neighbouring points.
+    It is an M-estimate (Tukey's biweight, iteratively reweighted Gauss–Newton) of the centre and of
+    the radius' deviation from radius_m, which has the prior standard deviation radius_sigma_m.
+    elements: indices of the target's elements with this radius, copied to the result. The
+    covariance is the sandwich A⁻¹BA⁻¹, with B enlarged for correlated errors of neighbouring
+    points.
     """
     extra_m, shared = 0.0, 1.0
     for _ in range(30):
@@ -193,8 +194,9 @@ def fit_sphere(
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:
-    """Tell whether the points determine the sphere's centre in every direction, for any radius.
-    Points on a circle do not determine it across their plane, to first order.
+    """Return True if the points determine the sphere's centre in every direction, also with an
+    unknown radius. Points on a circle do not: to first order, they leave the direction across their
+    plane open.
 
     normal [4, 4]: normal matrix of centre and radius; weight: sum of the points' weights.
     """
@@ -203,11 +205,12 @@ def _held(normal: np.ndarray, weight: float) -> bool:
 
 
 def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
-    """Estimate how strongly neighbouring points' errors are correlated: the variance of sums of
-    their scores (weighted residuals) over patches, relative to that of independent errors. It is 1
-    for independent errors, else about the number of points with a common error.
+    """Estimate how strongly the errors of neighbouring points are correlated: 1 for independent
+    errors, else about the number of points with a common error.
 
-    Mean over shifted patches of side patch_m, corrected for 3 fitted unknowns.
+    It is the variance of sums of the points' scores (weighted residuals) over patches of side
+    patch_m, relative to that for independent errors; a mean over shifted patches, corrected for 3
+    fitted unknowns.
     """
     ratios = []
     if not score.any():
@@ -231,7 +234,8 @@ def distances(points_m: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
 
 
 def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) -> np.ndarray:
-    """Mark the points [n] that are near the sphere's surface and whose normals fit it."""
+    """Return a boolean mask [n], True for points that are near the sphere's surface and whose
+    normals agree with it."""
     offset = cloud.points_m - centre_m
     distance = np.linalg.norm(offset, axis=1)
     cosine = np.einsum("nk,nk->n", offset, cloud.normals) / np.maximum(
@@ -244,9 +248,9 @@ def _consistent(cloud: OrientedPoints, centre_m: np.ndarray, radius_m: float) ->
 def _free_radius(
     points_m: np.ndarray, weight: np.ndarray, centre_m: np.ndarray, radius_m: float
 ) -> float:
-    """Compute the radius of the sphere that fits weighted points best, without regard to the known
-    radius: least squares of |p|² − 2 p·c = R² − |c|², linear in c and R² − |c|². centre_m,
-    radius_m: only centre and scale the numbers."""
+    """Compute the radius of the sphere that fits weighted points best if the radius is unknown, by
+    least squares of |p|² − 2 p·c = R² − |c|², which is linear in c and R² − |c|². centre_m,
+    radius_m: only shift and scale the coordinates, for numerical accuracy."""
     p = (points_m - centre_m) / radius_m
     root = np.sqrt(weight)[:, None]
     design = np.concatenate([2 * p, np.ones((len(p), 1))], axis=1)
@@ -255,8 +259,11 @@ def _free_radius(
 
 
 def _coverage(outward: np.ndarray) -> float:
-    """Compute the share of a sphere's surface that points in the directions [n, 3] from its centre
-    (unit vectors) cover: the share of 200 evenly spread directions that are nearest to a point."""
+    """Compute the share of a sphere's surface that points cover. outward [n, 3]: unit vectors from
+    the centre to the points.
+
+    It is the share of 200 evenly spread directions that are the nearest one to some point.
+    """
     n = 200
     i = np.arange(n) + 0.5
     z, azimuth = 1 - 2 * i / n, np.pi * (1 + np.sqrt(5)) * i
@@ -267,8 +274,8 @@ def _coverage(outward: np.ndarray) -> float:
 
 
 def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Number the occupied cubic voxels of side size_m from 0, and return the number of each point's
-    voxel [n]. shift: of the voxels' lattice, as a share of their side."""
+    """Number the occupied cubic voxels of side size_m, from 0: the number of each point's voxel
+    [n]. shift: shift of the voxels' lattice, as a share of their side."""
     index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
     key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[
         :, 2

@@ -1,10 +1,10 @@
 """Detection of the target's steel balls in the radar image.
 
 A ball's echo comes from its near surface through the foam: over the channel (t, r) its path is |t −
-c| + |c − r| − 2a·cos β + 2δ, with the ball's radius a, half the bistatic angle β and the foam's
-one-way delay δ. Peaks of the image are found one after another, each in the residual of the others
-(RELAX, Li & Stoica 1996), so side lobes are not mistaken for balls and do not bias them; each peak
-is then converted to the centre of a ball.
+c| + |c − r| − 2a·cos β + 2δ, with the ball's centre c and radius a, half the bistatic angle β and
+the foam's one-way delay δ. Peaks of the image are found one after another, each in the residual of
+the others (RELAX, Li & Stoica 1996), so side lobes are not mistaken for balls and do not bias them;
+each peak is then converted to the centre of a ball.
 """
 
 from dataclasses import dataclass
@@ -37,9 +37,10 @@ QUADRATIC = np.linalg.pinv(
 
 
 class EchoSearch(GridConfig):
-    """Settings of the search for balls: the volume (x, y, z) in the radar frame; threshold_db: the
+    """Settings of the search for balls. x, y, z: the volume in the radar frame; threshold_db: the
     weakest echo that counts, relative to the strongest; max_peaks: largest number of echoes;
-    relaxations: how often each echo is refined in what the others leave."""
+    relaxations: how many times each echo is fitted again to the samples without the other
+    echoes."""
 
     x: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
     y: Axis = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)
@@ -52,14 +53,14 @@ class EchoSearch(GridConfig):
 
     @property
     def threshold(self) -> float:
-        """The threshold as a ratio of amplitudes, below 1."""
+        """The threshold as a ratio of amplitudes, less than 1."""
         return 10 ** (self.threshold_db / 20)
 
 
 @dataclass(frozen=True)
 class Peak:
-    """A point-like echo found in the radar image: position_m [3] of the image's maximum, strength
-    (norm of its samples), and covariance_m2 [3, 3] of the position."""
+    """A point-like echo found in the radar image. position_m [3]: the image's maximum; strength:
+    norm of the echo's samples; covariance_m2 [3, 3]: that of the position."""
 
     position_m: np.ndarray
     strength: float
@@ -68,8 +69,8 @@ class Peak:
 
 @dataclass(frozen=True)
 class DetectedBall(Candidate):
-    """A detected steel ball. peak_m [3]: the image's maximum, in front of the centre; level_db:
-    strength of the echo relative to the strongest."""
+    """A steel ball detected by the radar. peak_m [3]: the image's maximum, which is in front of the
+    ball's centre; level_db: strength of the echo relative to the strongest one."""
 
     peak_m: np.ndarray
     level_db: float
@@ -81,9 +82,9 @@ def find_balls(
     """Find all echoes in a capture's first frame that may be the target's balls, the strongest
     first.
 
-    An echo appears once for each size of element, since the ball's centre behind it depends on the
-    size. search: volume and threshold. Raises HandbenchError for a capture without a MIMO array, or
-    with tones too sparse for the volume's depth.
+    An echo is listed once for each size of element, since the centre of the ball behind its peak
+    depends on the size. search: volume and threshold (None: the defaults). Raises HandbenchError
+    for a capture without a MIMO array, or with tones too sparse for the volume's depth.
     """
     search = search or EchoSearch()
     samples, frequencies_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
@@ -136,8 +137,8 @@ def coarse_peaks(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, search: EchoSearch
 ) -> np.ndarray:
     """Find the local maxima [n, 3] of the radar image's magnitude above the threshold, metres, on
-    the search's grid. Every second antenna is used: enough for first guesses of the echoes'
-    positions."""
+    the grid of the search. Only every second antenna is used, which is enough for first guesses of
+    the echoes' positions."""
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
     # enough for seeds; `separate_echoes` rejects false ones
     half = AntennaArray(array.tx_m[::2], array.rx_m[::2])
@@ -156,12 +157,11 @@ def separate_echoes(
     search: EchoSearch,
     radius_m: float,
 ) -> list[Peak]:
-    """Decompose samples [f, t, r] into the echoes of balls of radius_m: each is fitted to what the
-    others leave.
+    """Decompose samples [f, t, r] into echoes of balls of radius_m: a list of `Peak`, the strongest
+    first. Each echo is fitted to the samples without the other echoes.
 
-    seeds_m [n, 3]: rough positions of the echoes; the loudest in the remaining samples is fitted
-    next. Returns position, strength and covariance of each echo that is stronger than the search's
-    threshold, the strongest first.
+    seeds_m [n, 3]: rough positions of the echoes; the one with the brightest image in the remaining
+    samples is fitted next. Echoes weaker than the threshold of the search are left out.
     """
     rest = samples
     found: list[tuple[np.ndarray, np.ndarray]] = []  # position, echo
@@ -203,11 +203,11 @@ def fit_echo(
     seed_m: np.ndarray,
     radius_m: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the image's maximum near seed_m [3], and the echo of a ball with this peak and the
-    strength that fits best. Returns the position [3] and the echo's samples [f, t, r].
+    """Find the image's maximum near seed_m [3], and the echo of the ball that has its peak there:
+    (position [3], samples [f, t, r] of the echo with the strength that fits best).
 
-    Newton's method on the logarithm of the image's magnitude, whose gradient and curvature come
-    from a quadratic through a 3×3×3 stencil.
+    The maximum is found by Newton's method on the logarithm of the image's magnitude, whose
+    gradient and curvature come from a quadratic through a 3×3×3 stencil.
     """
     tones = ToneSkeleton(frequencies_hz, array, seed_m - REACH_M, seed_m + REACH_M, tolerance=1e-6)
     few = tones.compress(samples)
@@ -236,11 +236,11 @@ def ball_centre(
     delay_m: float,
 ) -> np.ndarray:
     """Compute the centre [3], metres, of the ball whose image has its maximum at peak_m. radius_m:
-    of the ball; delay_m: of the foam, one way.
+    the ball's radius; delay_m: one-way delay of its foam, as a path.
 
-    The peak is the point with paths most similar to the ball's: it minimises the variance of
+    The peak is the point whose paths are most similar to the ball's: it minimises the variance of
     k·(path difference) over tones and channels (the common phase is free). The centre is found by
-    Gauss–Newton.
+    Gauss–Newton steps.
     """
     centre_m = np.array(peak_m, np.float64)
     for _ in range(4):
@@ -255,8 +255,9 @@ def ball_centre(
 def specular_echo(
     centre_m: np.ndarray, radius_m: float, frequencies_hz: np.ndarray, array: AntennaArray
 ) -> np.ndarray:
-    """Simulate the specular echo of a sphere without foam (radius_m 0: of a point): samples
-    complex64 [f, t, r], equally strong at all frequencies; the channels' amplitudes sum to 1."""
+    """Simulate the specular echo of a sphere without foam, or of a point (radius_m = 0): samples
+    complex64 [f, t, r]. It is equally strong at all frequencies; the amplitudes of all channels sum
+    to 1."""
     phase = phasor(ball_path(centre_m, array, radius_m, 0.0), frequencies_hz[:, None, None], -1)
     return (phase * channel_amplitudes(centre_m, array)).astype(np.complex64)
 
@@ -264,9 +265,10 @@ def specular_echo(
 def ball_path(
     centre_m: np.ndarray, array: AntennaArray, radius_m: float, delay_m: float
 ) -> np.ndarray:
-    """Compute the optical path [t, r], metres, from transmitter to receiver over the specular point
-    of a ball in foam: |t − c| + |c − r| − 2a·cos β + 2δ, with its radius a and the foam's one-way
-    delay δ. The neglected term is a²·sin²β/|c − t|, about 1 µm here."""
+    """Compute the optical path [t, r], metres, from transmitter to the specular point of a ball in
+    foam to receiver: |t − c| + |c − r| − 2a·cos β + 2δ, with the ball's centre c and radius a, half
+    the bistatic angle β and the foam's one-way delay δ. The neglected term is a²·sin²β/|c − t|,
+    about 1 µm here."""
     return (
         path_lengths(array, centre_m)
         - 2 * radius_m * half_angle_cosine(centre_m, array)
@@ -275,7 +277,7 @@ def ball_path(
 
 
 def channel_amplitudes(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Compute the amplitudes [t, r] of a point's echo, 1/(|p − t||p − r|), scaled to sum 1."""
+    """Compute the amplitudes of a point's echo, 1/(|p − t||p − r|), scaled to sum 1: [t, r]."""
     to, back = (leg.lengths_m(point_m) for leg in array.legs)
     amplitude = 1 / np.outer(to, back)
     return amplitude / amplitude.sum()
@@ -287,8 +289,8 @@ def _phase_spread(
     """Compute how sharply the echo's phases determine a point's position: the covariance [3, 3] of
     the phase gradient k·g over tones and channels, rad²/m².
 
-    Returned with its parts: the means of k² and of k, the gradient g [t, r, 3] of the path lengths,
-    and the channels' weights [t, r].
+    Returns it with its parts: (covariance, mean of k², mean of k, gradient g [t, r, 3] of the path
+    lengths, weights [t, r] of the channels).
     """
     k = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     g = path_gradients(point_m, array)
@@ -311,8 +313,8 @@ def _summit(values: np.ndarray) -> np.ndarray:
 
 
 def _sizes(target: Target) -> dict[tuple[float, float], tuple[int, ...]]:
-    """Group the target's elements by size: (ball radius, foam delay), metres, with the indices of
-    the elements that have it."""
+    """Group the target's elements by size: a dictionary (ball radius, foam delay) in metres →
+    indices of the elements with this size."""
     sizes: dict[tuple[float, float], tuple[int, ...]] = {}
     for i, (element, delay_m) in enumerate(zip(target.element, target.foam_delay_m, strict=True)):
         key = (element.ball_radius_m, float(delay_m))

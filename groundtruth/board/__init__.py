@@ -1,1 +1,1 @@
-"""Boards of markers, which give scale and frame."""
+"""Printed boards of markers, which give photographs their metric scale and world frame."""

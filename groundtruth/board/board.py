@@ -23,11 +23,12 @@ class Marker(Config):
 
 
 class Charuco(Config):
-    """A chessboard with a marker in each white square, as OpenCV draws it.
+    """A ChArUco board: a chessboard with an ArUco marker in each white square, as OpenCV draws it.
 
-    columns × rows squares of side square_m, markers of side marker_m; legacy: the pattern of OpenCV
-    before 4.6. Its frame has the origin at the top left corner, x along the upper edge, y upwards
-    and z out of the print.
+    It has columns × rows squares of side square_m, and markers of side marker_m from OpenCV's
+    `dictionary`. legacy: the board has the pattern that OpenCV drew before version 4.6. The board's
+    frame has its origin at the top left corner, x along the upper edge, y upwards and z out of the
+    print.
     """
 
     columns: int = Field(ge=3, le=100)
@@ -46,15 +47,15 @@ class Charuco(Config):
         return self
 
     def corners_m(self) -> np.ndarray:
-        """Inner corners [(rows − 1)(columns − 1), 3] of the chessboard, metres, row by row from the
-        top left."""
+        """Compute the inner corners of the chessboard, [(rows − 1)(columns − 1), 3], in the board's
+        frame, metres, row by row from the top left."""
         column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         corners = np.stack([column, -row, np.zeros_like(row)], axis=-1)
         return self.square_m * corners.reshape(-1, 3).astype(np.float64)
 
     def cv_board(self) -> Any:
-        """Make OpenCV's board object. Raises HandbenchError for a dictionary with too few
-        markers."""
+        """Make OpenCV's object of this board. Raises HandbenchError if the dictionary has fewer
+        markers than the board needs."""
         import cv2
 
         dictionary = cv_dictionary(self.dictionary)
@@ -72,8 +73,11 @@ class Charuco(Config):
 
 
 class Board(Config):
-    """A rigid set of ArUco markers, a ChArUco board, or both; its frame is the photographs' world
-    frame."""
+    """A rigid target of single ArUco markers, a ChArUco board, or both. The target's frame becomes
+    the world frame of the photographs.
+
+    dictionary: OpenCV's dictionary of the single markers.
+    """
 
     dictionary: str = "DICT_4X4_50"
     marker: tuple[Marker, ...] = Field(default=(), max_length=1000)
@@ -102,8 +106,11 @@ class Board(Config):
         return self
 
     def corners_m(self) -> dict[int, np.ndarray]:
-        """Return the places of all corners in the board's frame, metres: for each marker's id its
-        corners [4, 3], and for the key CHESSBOARD the inner corners [n, 3] of the ChArUco board."""
+        """Return the positions of all corners in the board's frame, metres.
+
+        The keys are the markers' ids, each with its corners [4, 3]; the ChArUco board, if there is
+        one, has the key CHESSBOARD (−1) and its inner corners [n, 3].
+        """
         corners = {m.id: np.array(m.corners_m, dtype=np.float64) for m in self.marker}
         return corners if self.charuco is None else corners | {CHESSBOARD: self.charuco.corners_m()}
 
@@ -113,7 +120,7 @@ class Board(Config):
         return cv_dictionary(self.dictionary)
 
     def describe(self) -> str:
-        """Describe the board's markers and squares in words, for messages."""
+        """Describe the board's markers and squares in a phrase, for error messages."""
         ids = sorted(marker.id for marker in self.marker)
         markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
         c = self.charuco
@@ -123,8 +130,8 @@ class Board(Config):
 
 
 def cv_dictionary(name: str) -> Any:
-    """Return OpenCV's dictionary object with this name. Raises HandbenchError for an unknown
-    name."""
+    """Return OpenCV's ArUco dictionary of this name, such as "DICT_4X4_50". Raises HandbenchError
+    for a name that OpenCV does not have."""
     import cv2
 
     number = getattr(cv2.aruco, name, None)
@@ -136,10 +143,11 @@ def cv_dictionary(name: str) -> Any:
 
 
 def load_board(path: str | Path) -> Board:
-    """Read a board's description, `board.toml`. Raises HandbenchError for a malformed one."""
+    """Read the description of a board from a `board.toml` file. Raises HandbenchError for a
+    malformed file."""
     return load(Board, path, "an ArUco board description")
 
 
 def save_board(path: str | Path, board: Board) -> None:
-    """Write `board.toml`, atomically."""
+    """Write the description of a board to a `board.toml` file, atomically."""
     write_text(path, tomlkit.dumps(board.model_dump(exclude_none=True)))

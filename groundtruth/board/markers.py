@@ -1,8 +1,9 @@
-"""The board's corners in photographs.
+"""Detection of a board's corners in photographs.
 
-A corner detector finds the corner of a blurred square too far inside, and a photograph's tone curve
-(sRGB) shifts every edge towards the dark side: together half a pixel. A line fitted to the middle
-of an edge's slope has neither error, if tones are linear in light.
+Two errors shift detected corners, together by about half a pixel: a corner detector places the
+corner of a blurred square too far inside, and the photograph's tone curve (sRGB) shifts every edge
+towards the dark side. This module therefore converts tones to linear light and fits a straight line
+to the middle of each edge's brightness slope; the lines' intersections have neither error.
 """
 
 from collections.abc import Sequence
@@ -29,8 +30,12 @@ Corners = dict[tuple[int, int], np.ndarray]
 
 
 def detect_corners(photo: Photo, board: Board) -> Corners:
-    """Find the board's corners in a photograph, with sub-pixel accuracy: for each (marker's id or
-    CHESSBOARD, number of the corner) its pixel [2] in COLMAP's convention."""
+    """Find the board's corners in a photograph, with sub-pixel accuracy.
+
+    Returns a dict from (marker's id, number of the corner) to the corner's pixel [2] in COLMAP's
+    convention, where the first pixel's centre is at 0.5. For the corners of a ChArUco board, the
+    number −1 (CHESSBOARD) replaces the marker's id.
+    """
     tones = photo.gray()
     picture = (tones * 255).round().astype(np.uint8)
     found = _chessboard_corners(picture, board)
@@ -41,9 +46,12 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
 
 
 def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
-    """Find the corners of the board's markers, as intersections of their edges, in array indices
-    (column, row). picture: uint8; light: the same in linear light. Markers that appear twice, and
-    corners at unclear edges, are left out."""
+    """Find the corners of the board's single markers, as intersections of their edges.
+
+    picture [height, width]: the photograph, uint8; light: the same picture in linear light,
+    float32. Returns a dict from (marker's id, number of the corner) to array indices (column, row).
+    Markers that appear twice, and corners next to unclear edges, are left out.
+    """
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     found, ids, _ = cv2.aruco.ArucoDetector(board.cv_dictionary(), parameters).detectMarkers(
@@ -61,8 +69,12 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
 
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
-    """Find the inner corners of the ChArUco board, in array indices (column, row). Blur and tone
-    curve do not shift them."""
+    """Find the inner corners of the ChArUco board in a picture [height, width], uint8.
+
+    Returns a dict from (−1, number of the corner) to array indices (column, row); empty if the
+    board has no ChArUco part. Blur and tone curve do not shift these corners, so they need no
+    refinement.
+    """
     if board.charuco is None:
         return {}
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
@@ -75,9 +87,12 @@ def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
 def require_board(
     seen: dict[str, Corners], board: Board, photos: Sequence[Photo] = ()
 ) -> dict[str, Corners]:
-    """Return the corners seen in each photograph unchanged, or raise HandbenchError if no corner is
-    in two photographs. The message says what to change in the board's description, where another
-    pattern is found in `photos`."""
+    """Check that some corner of the board was detected in at least two photographs.
+
+    seen: the detected corners of each photograph, by its name; returned unchanged. Raises
+    HandbenchError if no corner is in two photographs; the message then says what to correct in the
+    board's description, judged from the patterns found in `photos`.
+    """
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
@@ -91,9 +106,12 @@ def require_board(
 
 
 def pattern_in(photos: Sequence[Photo], board: Board) -> str:
-    """Find out how the ChArUco board in the photographs differs from its description: the keys that
-    correct it, as "legacy = true", empty if no change helps. Tried are the pattern of OpenCV before
-    4.6 (or after), and columns and rows exchanged."""
+    """Find out how the ChArUco board in the photographs differs from its description.
+
+    Three changes are tried: the other pattern of OpenCV (before or after version 4.6), columns and
+    rows exchanged, and both. Returns the entries of `board.toml` that correct the description, such
+    as "legacy = true", or an empty string if no change helps.
+    """
     if board.charuco is None:
         return ""
     columns, rows, legacy = board.charuco.columns, board.charuco.rows, board.charuco.legacy
@@ -110,7 +128,8 @@ def pattern_in(photos: Sequence[Photo], board: Board) -> str:
 
 
 def _markers_in(photos: Sequence[Photo], board: Board) -> str:
-    """Say which markers of the board's dictionary are in the photographs, and what to check."""
+    """Write the end of an error message: which markers of the board's dictionary the photographs
+    show, and what the user should check."""
     detector, seen = cv2.aruco.ArucoDetector(board.cv_dictionary()), set[int]()
     for photo in photos[:TRIED]:
         _, ids, _ = detector.detectMarkers((photo.gray() * 255).round().astype(np.uint8))
@@ -126,12 +145,12 @@ def _markers_in(photos: Sequence[Photo], board: Board) -> str:
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
-    """Estimate the focal length in pixels from one view of the board, to a few per cent; None if it
-    shows too little of the board, if the corners are not in one plane, or if the result is
-    implausible.
+    """Estimate the focal length in pixels, to a few per cent, from one view of a flat board.
 
-    A tilted plane determines one focal length if the principal point is the middle of the picture
-    (Zhang, TPAMI 2000).
+    corners: the detected ones, by (marker's id, or −1 for a ChArUco board, and number of the
+    corner). Returns None if there are too few, if the board is not flat, or if the result is
+    implausible. A tilted plane determines the focal length if the principal point is at the
+    picture's middle (Zhang, TPAMI 2000).
     """
     if len(corners) < FEWEST_CORNERS:
         return None
@@ -164,11 +183,11 @@ def to_light(tones: np.ndarray) -> np.ndarray:
 
 
 def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
-    """Refine the four corners [4, 2] of a dark square on white, with sub-pixel accuracy.
+    """Refine the four corners [4, 2] of a dark square on white to sub-pixel accuracy.
 
-    light [height, width]: linear light, float32. quad [4, 2]: a guess within about two pixels, as
-    indices (column, row), clockwise. Corners next to an edge that is covered, faint or not straight
-    become NaN.
+    light [height, width]: picture in linear light, float32. quad [4, 2]: initial corners within
+    about two pixels, as array indices (column, row), clockwise. Returns refined indices [4, 2]; a
+    corner next to an edge that is covered, faint or not straight is NaN.
     """
     for reach_px in REACHES_PX:
         reach_px = min(
@@ -187,9 +206,12 @@ def refine_corners(light: np.ndarray, quad: np.ndarray) -> np.ndarray:
 def _edge(
     light: np.ndarray, a: np.ndarray, b: np.ndarray, reach_px: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Fit a straight line to the edge between the approximate corners a and b, which has the bright
-    side on its left in the picture: a point [2] on it and its direction [2]; None if the edge is
-    not clear or not straight. reach_px: how far to look on either side."""
+    """Fit a straight line to the edge between two approximate corners a and b [2] of a dark square.
+
+    light: picture in linear light, bright on the left of the direction from a to b as displayed.
+    reach_px: how far from the line between a and b the edge is searched. Returns a point [2] on the
+    fitted line and its direction [2], or None if the edge is not clear or not straight.
+    """
     length_px = np.linalg.norm(b - a)
     along = (b - a) / length_px
     across = np.array([along[1], -along[0]])
@@ -216,7 +238,8 @@ def _edge(
 def _crossing(
     first: tuple[np.ndarray, np.ndarray] | None, second: tuple[np.ndarray, np.ndarray] | None
 ) -> np.ndarray:
-    """Intersection [2] of two lines; NaN when one is missing."""
+    """Compute the intersection [2] of two lines, each given as a point and a direction; NaN if a
+    line is None."""
     if first is None or second is None:
         return np.full(2, np.nan)
     (p, u), (q, v) = first, second

@@ -1,1 +1,1 @@
-"""Cameras, and the files that others write of them."""
+"""Cameras, and the readers of camera files from handbench, COLMAP and Metashape."""

@@ -1,7 +1,7 @@
-"""Files of known cameras: handbench's cameras.json, COLMAP models, Metashape's XML.
+"""Readers of known cameras: handbench's cameras.json, COLMAP models and Metashape's XML.
 
-COLMAP's binary models are checked first: COLMAP's reader trusts every count in them and may never
-return.
+Binary COLMAP models are checked before COLMAP reads them: its reader trusts every count in a file,
+so that it may never return from a broken one.
 """
 
 import struct
@@ -36,12 +36,13 @@ KINDS = ("cameras", "images", "points3D", "rigs", "frames")
 
 
 def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
-    """Read the camera of each photograph, for its pixels as stored, from a cameras.json, a COLMAP
-    model's folder or Metashape's XML.
+    """Read the camera of each photograph from a cameras.json, a COLMAP model's folder or
+    Metashape's XML.
 
-    metric: the poses of the COLMAP model are in metres; otherwise they are ignored, since COLMAP's
-    poses have no unit. Raises HandbenchError for a photograph without a camera, or with one of
-    another size.
+    metric: True if the poses of a COLMAP model are in metres; otherwise they are dropped, since
+    COLMAP's poses have no unit. Returns one camera for each photograph, in their order, for its
+    pixels as stored in the file. Raises HandbenchError if a photograph has no camera, or a camera
+    of another picture size.
     """
     if path.is_dir():
         known = cameras_in(read_model(path))
@@ -70,12 +71,11 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
 
 
 def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruction":
-    """Load a COLMAP model (text or binary) of these photographs, and rename its images after them.
-    Images without a photograph, and those with very few of the model's points, are left out and
-    reported.
+    """Load the COLMAP model (text or binary) of these photographs.
 
-    Raises HandbenchError if fewer than three photographs are left, or if one has another size in
-    the model.
+    Its images are renamed after the photographs. Images without a photograph, and images that see
+    very few of the model's points, are removed and reported. Raises HandbenchError if fewer than
+    three images remain, or if a picture's size differs from that in the model.
     """
     model = read_model(folder)
     images = registered_images(model)
@@ -113,8 +113,8 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
 
 
 def read_model(folder: Path) -> "pycolmap.Reconstruction":
-    """Read a COLMAP model (text or binary) from a folder. Raises HandbenchError if it is broken or
-    holds implausible numbers."""
+    """Read a COLMAP model (text or binary) from a folder. Raises HandbenchError if a file is broken
+    or holds implausible numbers."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     check_model(folder)
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
@@ -145,8 +145,11 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
 
 
 def _restore_names(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Give a model's images their full names, since pycolmap cuts those of a text model at the
-    first space, with accents encoded in one way."""
+    """Set the names of a model's images, in place, to the full names in the model's files.
+
+    pycolmap cuts the names of a text model at the first space. Accents are converted to one Unicode
+    form, so that names can be compared.
+    """
     names = {number: image.name for number, image in model.images.items()}
     if not (folder / "images.bin").is_file():
         text = read_text(folder / "images.txt", "the images of a COLMAP model", MODEL_BYTES)
@@ -160,13 +163,15 @@ def _restore_names(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _is_rigid(image: "pycolmap.Image") -> bool:
-    """True if the image's pose has a rotation, which needs a quaternion of unit length."""
+    """Tell whether the matrix of an image's pose is a rotation; it is none if the file's quaternion
+    does not have unit length."""
     R = image.cam_from_world().rotation.matrix()
     return bool(np.abs(R).max() < 2 and np.abs(R @ R.T - np.eye(3)).max() < 1e-3)
 
 
 def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
-    """Return the cameras, with their poses, of a model's registered images, sorted by name."""
+    """Return the cameras, with lens and pose, of all images of a model that have a pose, sorted by
+    name."""
     cameras = []
     for image in registered_images(model):
         camera, pose = camera_in(image), image.cam_from_world()
@@ -184,11 +189,12 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
 
 
 def stored_camera(photo: Photo, camera: Camera) -> Camera:
-    """Convert a camera that was calibrated on the upright picture to the photograph's pixels as
-    stored.
+    """Convert a camera that was calibrated on the upright picture to the photograph's stored
+    pixels.
 
-    Each rotation by 90° clockwise has moved (x, y) to (height − y, x). Raises HandbenchError for a
-    lens model that cannot be rotated.
+    An upright picture is the stored one rotated according to its EXIF orientation: each rotation by
+    90° clockwise moves (x, y) to (height − y, x). Raises HandbenchError for a lens model whose
+    parameters cannot be rotated.
     """
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
@@ -225,9 +231,12 @@ def stored_camera(photo: Photo, camera: Camera) -> Camera:
 def _pairs(
     photos: tuple[Photo, ...], named: "Sequence[Camera] | Sequence[pycolmap.Image]", where: Path
 ) -> list[tuple[Photo, Any]]:
-    """Pair each photograph with the camera or image of the same name: (photograph, item or None).
-    Compared is the whole name, else that without folders, else also without suffix. where: the
-    file, for messages. Raises HandbenchError if two items match one photograph."""
+    """Assign to each photograph the camera or image of the same name.
+
+    Names are compared whole, then without folders, then also without suffix. where: the file that
+    the cameras are from, for messages. Returns (photograph, camera or image) for each photograph,
+    with None where no name matches. Raises HandbenchError if two names match one photograph.
+    """
     short = (str, lambda name: PurePosixPath(name).name, lambda name: PurePosixPath(name).stem)
     known = [(cut, [(cut(n.name), n) for n in named]) for cut in short]
     pairs = []
@@ -259,8 +268,8 @@ def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
 
 
 def check_model(folder: Path) -> None:
-    """Check the binary files of a COLMAP model before COLMAP reads them. Raises HandbenchError if a
-    file's length does not fit the counts in it, or if a file is too large."""
+    """Check the files of a COLMAP model before COLMAP reads them. Raises HandbenchError if a file
+    is too large, or if a binary file's length does not agree with the counts in it."""
     for name in KINDS:
         file = folder / f"{name}.bin"
         if not file.is_file():
@@ -281,8 +290,8 @@ def check_model(folder: Path) -> None:
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Write a COLMAP model into a folder, in binary. Raises OSError if a file was cut short (a full
-    disk), which COLMAP does not report."""
+    """Write a COLMAP model into a folder, in binary form. Raises OSError if a file is incomplete,
+    as on a full disk, which COLMAP itself does not report."""
     model.write_binary(folder)
     try:
         check_model(folder)
@@ -291,9 +300,12 @@ def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
 
 
 def _length(content: bytes, kind: str) -> int:
-    """Compute the length in bytes that a model's binary file should have, from the counts in it.
-    kind: the file's name without suffix. Raises struct.error, ValueError or KeyError if that
-    exceeds the file, or for an unknown lens model."""
+    """Compute the length in bytes that a binary file of a COLMAP model should have, from the counts
+    in it.
+
+    kind: name of the file without suffix, such as "images". Raises struct.error or ValueError if
+    the counts need more bytes than the file has, and KeyError for an unknown lens model.
+    """
 
     def number(form: str, at: int) -> int:
         return int(struct.unpack_from(form, content, at)[0])
@@ -322,7 +334,7 @@ def _length(content: bytes, kind: str) -> int:
 
 @cache
 def _parameters() -> dict[int, int]:
-    """Return the number of parameters of each of COLMAP's lens models, by the model's number."""
+    """Return a dict from the number of each of COLMAP's lens models to its count of parameters."""
     models = [
         model for name, model in pycolmap.CameraModelId.__members__.items() if name != "INVALID"
     ]

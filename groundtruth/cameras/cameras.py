@@ -1,4 +1,5 @@
-"""Cameras: COLMAP's models and pixel convention (the first pixel's centre is at 0.5, 0.5)."""
+"""Cameras with COLMAP's lens models and pixel convention (the first pixel's centre is at 0.5,
+0.5)."""
 
 import signal
 import sys
@@ -15,8 +16,8 @@ from handbench.support.files import read_json, write_json
 
 
 def load_pycolmap() -> ModuleType:
-    """Import pycolmap without its SIGTERM handler, which prints a stack trace. Only the main thread
-    can restore the old handler, so the first import must happen there."""
+    """Import pycolmap, and undo that the import installs a SIGTERM handler of its own, which prints
+    a stack trace. Only the main thread can do that, so the first call must be made there."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
@@ -26,7 +27,7 @@ def load_pycolmap() -> ModuleType:
 
 
 class _Colmap(ModuleType):
-    """pycolmap, imported on first use of an attribute."""
+    """Stand-in for the module pycolmap, which is imported when an attribute is first used."""
 
     def __getattr__(self, name: str) -> object:
         return getattr(load_pycolmap(), name)
@@ -39,7 +40,7 @@ else:
 
 
 def cuda_devices() -> int:
-    """Number of CUDA devices that pycolmap can use; 0 where it was built without CUDA."""
+    """Count the CUDA devices that pycolmap can use; 0 if pycolmap was built without CUDA."""
     return int(load_pycolmap().get_num_cuda_devices()) if pycolmap.has_cuda else 0
 
 
@@ -47,10 +48,11 @@ Row = tuple[float, float, float]
 
 
 class Camera(Config):
-    """The camera of one photograph: lens and pose.
+    """The camera of one photograph: lens and, if known, pose.
 
-    model, params: COLMAP's lens model and its parameters. `R` [3, 3] and `t` [3] (metres) map world
-    points to the camera frame (x right, y down, z forward); None where they are unknown.
+    name: the photograph's. width, height: pixels. model, params: COLMAP's lens model and its
+    parameters. `R` [3, 3] and `t` [3] (metres) map a world point X to the camera frame as R X + t
+    (x right, y down, z forward); None if unknown.
     """
 
     name: FileName
@@ -73,17 +75,17 @@ class Camera(Config):
 
     @property
     def posed(self) -> bool:
-        """True if its pose is known."""
+        """True if both rotation and translation of the camera are known."""
         return self.R is not None and self.t is not None
 
     @property
     def rotation(self) -> np.ndarray:
-        """R as an array [3, 3]."""
+        """The rotation R from world to camera frame, as an array [3, 3]."""
         return np.array(self.R, dtype=np.float64)
 
     @property
     def translation_m(self) -> np.ndarray:
-        """t as an array [3], metres."""
+        """The translation t from world to camera frame, as an array [3], metres."""
         return np.array(self.t, dtype=np.float64)
 
     @property
@@ -92,7 +94,8 @@ class Camera(Config):
         return -self.rotation.T @ self.translation_m
 
     def shifted(self, by_m: np.ndarray) -> "Camera":
-        """Return the camera in a frame in which all positions are by_m [3] larger, metres."""
+        """Return the camera with its position moved by by_m [3], metres, for a world frame with
+        another origin."""
         if not self.posed or not by_m.any():
             return self
         return self.model_copy(
@@ -100,8 +103,8 @@ class Camera(Config):
         )
 
     def colmap(self) -> "pycolmap.Camera":
-        """Convert the intrinsics to a pycolmap camera. Raises HandbenchError for a model or
-        parameters unknown to COLMAP."""
+        """Convert the intrinsics to a pycolmap camera. Raises HandbenchError if COLMAP does not
+        know the lens model, or if the model has another number of parameters."""
         try:
             camera = pycolmap.Camera(
                 model=self.model, width=self.width, height=self.height, params=list(self.params)
@@ -117,20 +120,23 @@ class Camera(Config):
         return camera
 
     def project(self, points_m: np.ndarray) -> np.ndarray:
-        """Project world points [n, 3] to pixels [n, 2], lens distortion included."""
+        """Project world points [n, 3] (metres) to pixels [n, 2], with lens distortion."""
         return np.asarray(
             self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m)
         )
 
     def ray_directions(self, rows: slice = slice(None)) -> np.ndarray:
-        """Compute the unit directions [rows, width, 3] in the world frame of the rays through all
-        pixels' centres, with distortion undone. rows: only these rows of the picture."""
+        """Compute the viewing directions of all pixels of the picture.
+
+        rows: compute only these rows. Returns unit vectors [rows, width, 3] in the world frame,
+        through the pixels' centres, corrected for lens distortion.
+        """
         u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height)[rows] + 0.5)
         return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(*u.shape, 3)
 
     def directions(self, pixels: np.ndarray) -> np.ndarray:
-        """Compute the unit directions [n, 3] in the world frame of the rays through pixels [n, 2],
-        with distortion undone."""
+        """Compute the viewing directions of pixels [n, 2], as unit vectors [n, 3] in the world
+        frame, corrected for lens distortion."""
         xy = np.asarray(self.colmap().cam_from_img(pixels))
         # of (x, y, 1), in place: there are millions
         rays = xy @ self.rotation[:2] + self.rotation[2]
@@ -139,7 +145,7 @@ class Camera(Config):
 
 
 class CameraFile(Config):
-    """The content of `cameras.json`."""
+    """The content of a `cameras.json` file: cameras with different names."""
 
     cameras: tuple[Camera, ...]
 
@@ -152,35 +158,35 @@ class CameraFile(Config):
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read the cameras in a `cameras.json`. Raises HandbenchError for a malformed file."""
+    """Read the cameras from a `cameras.json` file. Raises HandbenchError for a malformed file."""
     return parse(
         CameraFile, read_json(path, 'a cameras file {"cameras": [...]}'), str(path)
     ).cameras
 
 
 def save_cameras(path: str | Path, cameras: tuple[Camera, ...]) -> None:
-    """Write `cameras.json`, atomically."""
+    """Write cameras to a `cameras.json` file, atomically."""
     write_json(path, {"cameras": [camera.model_dump(exclude_none=True) for camera in cameras]})
 
 
 def registered_images(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]":
-    """Return the images of a model that have a pose, sorted by name."""
+    """Return the images of a COLMAP model that have a pose, sorted by name."""
     return sorted(
         (image for image in model.images.values() if image.has_pose), key=lambda image: image.name
     )
 
 
 def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
-    """Return the camera that took a photograph of a model. Raises ValueError if the photograph is
-    in no model."""
+    """Return the pycolmap camera of an image of a COLMAP model. Raises ValueError if the image
+    belongs to no model."""
     if image.camera is None:
         raise ValueError(f"{image.name} is in no model")
     return image.camera
 
 
 def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
-    """Set the pose of a photograph in a model; pose: from world to camera. Raises ValueError if the
-    photograph is in no model."""
+    """Set the pose (from world to camera) of an image in a COLMAP model. Raises ValueError if the
+    image belongs to no model."""
     if image.frame is None:
         raise ValueError(f"{image.name} is in no model")
     image.frame.set_cam_from_world(image.camera_id, pose)

@@ -1,18 +1,22 @@
-"""Cameras that Metashape exported as XML (File > Export > Export Cameras; MAROON's `cams.xml`).
+"""Reader of cameras that Metashape exported as XML (File > Export > Export Cameras; MAROON's
+`cams.xml`).
 
-Metashape's frame camera (user manual, appendix "Camera models"): a point (X, Y, Z) of the camera
-frame (x right, y down, z forward) has x = X / Z, y = Y / Z, r² = x² + y² and is seen at the pixel
+Metashape's frame camera (user manual, appendix "Camera models") sees a point (X, Y, Z) of the
+camera frame (x right, y down, z forward), with x = X / Z, y = Y / Z and r² = x² + y², at the pixel
 
     x' = x (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P1 (r² + 2 x²) + 2 P2 x y
     y' = y (1 + K1 r² + K2 r⁴ + K3 r⁶ + K4 r⁸) + P2 (r² + 2 y²) + 2 P1 x y
     u = 0.5 w + cx + x' f + x' B1 + y' B2
     v = 0.5 h + cy + y' f
 
-with the first pixel's centre at (0.5, 0.5), as in COLMAP. So cx and cy count from the picture's
-middle, P1 and P2 are COLMAP's p2 and p1, f + B1 is the focal length along x, and K3 needs COLMAP's
-FULL_OPENCV. A camera's 4 × 4 `transform` (row order) carries its frame to the chunk's; the
-`transform` of the chunk, or of the camera's component, carries that to the world by X ↦ scale ·
-rotation · X + translation, in metres where the project has a scale.
+for a picture of w × h pixels whose first pixel has its centre at (0.5, 0.5), as in COLMAP. So cx
+and cy count from the picture's middle, P1 and P2 are COLMAP's p2 and p1, f + B1 is the focal length
+along x, and K3 needs COLMAP's lens model FULL_OPENCV.
+
+A camera's `transform` (4 × 4, row by row) maps the camera frame to the frame of its chunk
+(Metashape's word for a group of photographs) or of its component (a separately aligned part of a
+chunk). The `transform` of the chunk or component maps that frame to the world by X ↦ scale ·
+rotation · X + translation, in metres if the project has a scale.
 """
 
 from collections.abc import Collection
@@ -35,13 +39,13 @@ Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], tra
 
 
 def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> tuple[Camera, ...]:
-    """Read cameras from Metashape's XML, named by their labels (which may lack the photographs'
-    suffix).
+    """Read cameras from Metashape's XML. Their names are Metashape's labels, which may lack the
+    suffix of the photographs' file names.
 
-    photos: names of the photographs; cameras of others are left out unread (None: all are read).
-    Cameras that were not aligned have no pose, and none has one in a project without a scale.
-    Raises HandbenchError for lenses that COLMAP does not have, and for a file that is not
-    Metashape's.
+    photos: names of the photographs; cameras of other pictures are skipped (None: all are read).
+    Cameras that Metashape did not align have no pose; in a project without a scale, no camera has
+    one. Raises HandbenchError for a lens that COLMAP cannot represent, and for a file that
+    Metashape did not write.
     """
     root = _parse(path)
     chunks = [c for c in root.iterfind("chunk") if c.find("cameras//camera") is not None]
@@ -81,8 +85,11 @@ def _is_of(label: str, photos: Collection[str]) -> bool:
 
 
 def _parse(path: str | Path) -> ElementTree.Element:
-    """Parse an XML file and return its root. Raises HandbenchError for a file that is not XML or
-    too large, and for one with a document type, since XML attacks use entities."""
+    """Parse an XML file and return its root element.
+
+    Raises HandbenchError for a file that is too large or not XML. A document type declaration is
+    refused too, since its entities can expand to more memory than there is.
+    """
     text = ""
     try:
         text = read_text(path, "cameras exported by Metashape", XML_BYTES)
@@ -116,9 +123,12 @@ def _camera(
 
 
 def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tuple[float, ...]]:
-    """Read a sensor's width, height and the parameters of COLMAP's lens model FULL_OPENCV. label:
-    the camera's name, for messages. Raises HandbenchError for a lens that this model does not
-    cover."""
+    """Read the intrinsics of a sensor (Metashape's word for a lens and its calibration).
+
+    label: the camera's name, for messages. Returns width and height in pixels, and the 12
+    parameters of COLMAP's lens model FULL_OPENCV. Raises HandbenchError for a lens that this model
+    does not cover.
+    """
     calibrations = {c.get("class", "adjusted"): c for c in sensor.iterfind("calibration")}
     calibration = calibrations.get("adjusted", calibrations.get("initial"))
     if calibration is None or {sensor.get("type", "frame"), calibration.get("type", "frame")} != {
@@ -154,8 +164,8 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
 
 
 def _similarity(element: ElementTree.Element) -> Similarity | None:
-    """Read the scale, rotation and translation that map an element's frame (chunk or component) to
-    the world; None if it has no scale."""
+    """Read the scale, rotation [3, 3] and translation [3] that map the frame of a chunk or
+    component to the world; None if the element has no scale."""
     if element.find("transform/scale") is None:
         return None
     scale = float(_numbers(element, "transform/scale", 1)[0])
@@ -164,8 +174,8 @@ def _similarity(element: ElementTree.Element) -> Similarity | None:
 
 
 def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
-    """Read `count` numbers from the text of an element's descendant at `path`. Raises ValueError if
-    there are more or fewer, or if one is not below LARGEST."""
+    """Read exactly `count` numbers from the text of the XML element at `path` below `element`.
+    Raises ValueError if there are more or fewer, or if one is too large or not finite."""
     values = np.array([float(word) for word in (element.findtext(path) or "").split()])
     if len(values) != count or not (np.abs(values) < LARGEST).all():
         raise ValueError(f"{path} has {len(values)} numbers, expected {count} below {LARGEST:g}")
@@ -173,8 +183,8 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
 
 
 def _id(element: ElementTree.Element | None, name: str) -> str:
-    """Return a required attribute of an element, by its name. Raises ValueError if it is
-    missing."""
+    """Return the attribute `name` of an XML element. Raises ValueError if the element or the
+    attribute is missing."""
     value = None if element is None else element.get(name)
     if value is None:
         raise ValueError(f"the attribute {name} is missing")

@@ -1,1 +1,1 @@
-"""Dense depth from photographs, and its fusion."""
+"""Dense reconstruction: a depth map for each photograph, and their fusion to a cloud of points."""

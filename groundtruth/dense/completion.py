@@ -1,8 +1,8 @@
 """Repeated matching of every view, starting from the depths of all views.
 
-A thin object that the sweep missed in one view is often found in another. The points of all views
-are rendered into each view as PatchMatch's initial depths, and all pixels are matched and filtered
-again.
+The first search may miss a thin object in one view and find it in another. So the fused points of
+all views are rendered into each view as initial depths of PatchMatch, and all pixels are matched
+and filtered again.
 """
 
 import numpy as np
@@ -19,9 +19,12 @@ STEEPEST = 8.0  # disparities per pixel
 
 
 def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) -> list[ViewDepth]:
-    """Match all depth maps again, each starting from its own depths and, where these are missing,
-    from those of the other views; repeated LOOKS times. sources: for each view, the indices of the
-    views that it is matched with. Returns the new maps."""
+    """Compute all depth maps again, twice (LOOKS), each starting from its own depths and, where
+    these are missing, from the other views' depths.
+
+    sources: for each view, the indices of the views that it is matched with. seed: of PatchMatch's
+    random numbers. Returns the new depth maps, in the order of the old ones.
+    """
     for _ in range(LOOKS):
         cloud, again = fuse(maps, None, CONFIRMATIONS), []
         for m, used in zip(track(maps, "another look"), sources, strict=True):
@@ -41,8 +44,8 @@ def complete_maps(maps: list[ViewDepth], sources: list[list[int]], seed: int) ->
 
 
 def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
-    """Render a cloud into a view: depth [h, w] (NaN: no point) and unit normal [h, w, 3] of the
-    nearest point at each pixel that faces the view."""
+    """Render a cloud into a view. Returns depth [h, w] in metres (NaN: no point) and unit normal
+    [h, w, 3] in the cloud's frame, both of the nearest point that faces the view at each pixel."""
     h, w = view.gray.shape
     depth_m, normals = np.full((h, w), np.nan), np.zeros((h, w, 3))
     local = cloud.points_m @ view.R.T + view.t
@@ -58,8 +61,9 @@ def render_cloud(cloud: Cloud, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _filled(planes: np.ndarray) -> np.ndarray:
-    """Return planes [h, w, 3] in which missing ones (NaN) are replaced by that of the nearest pixel
-    that has one."""
+    """Return a map of planes [h, w, 3] (disparity and its slopes per column and row) in which each
+    missing plane (NaN) is replaced by that of the nearest pixel with one. A map without any plane
+    is returned unchanged."""
     missing = np.isnan(planes[..., 0])
     if missing.all():
         return planes

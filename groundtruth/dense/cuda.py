@@ -1,19 +1,21 @@
-"""Depth maps on a CUDA device: COLMAP's PatchMatch for the search, our own final refinement.
+"""Depth maps on a CUDA device: COLMAP's PatchMatch for the search, handbench's own final
+refinement.
 
 Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP
-replaces the sweep and the iterations of `groundtruth.dense.dense`, from the same views, with the
-same sources and windows. Its planes then go through `dense.refined` without iterations: a polish
-with curved windows and the same limits of cost, incidence and jumps (COLMAP writes no costs), so
-that maps from either machine mean the same to the fusion and its uncertainty. COLMAP's random
+replaces the plane sweep and the iterations of PatchMatch on the CPU; it gets the same views, source
+views and window size. Its planes then pass through `refine_planes` without iterations: a step of
+refinement with curved windows, and the same limits of cost, incidence and jumps (COLMAP writes no
+costs). The fusion and its uncertainty can thus treat maps from either device alike. COLMAP's random
 numbers are the same in every run; there is no seed to set.
 
-COLMAP's workspace is made of our views and not by its `undistort_images`: they are cropped to the
-box, and its stereo puts pixels' centres at whole numbers, as our K does and its own models do not
-(colmap issue 1515: half a pixel). All pictures are filled up with black to one size: some versions
-shear what is narrower (colmap pull request 4634).
+COLMAP's workspace is written from our views and not by its `undistort_images`: our views are
+cropped to the region of interest, and COLMAP's stereo puts pixels' centres at whole numbers, as our
+K does and its own models do not (colmap issue 1515: half a pixel). All pictures are padded with
+black to one size, because some versions distort narrower ones (colmap pull request 4634).
 
-COLMAP's `stereo_fusion` is left out. It takes depths for equal within 1 % (5 mm on a hand, `fusion`
-within 1.7 pixels) and gives medians, without the views' spread that `uncertainty` is made of.
+COLMAP's `stereo_fusion` is not used. It accepts depths that agree within 1 % (5 mm on a hand; our
+fusion: within 1.7 pixels), and it returns medians without the spread between the views, which our
+uncertainty is computed from.
 """
 
 import json
@@ -52,11 +54,12 @@ def _instead() -> str:
 
 
 def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
-    """Compute the depth map of every view with COLMAP's PatchMatch on a CUDA device, refined as on
-    the CPU.
+    """Compute the depth map of every view with COLMAP's PatchMatch on a CUDA device, followed by
+    the same final refinement as on the CPU.
 
-    sources: for each view, the indices of the views it is matched with. quality: a key of SEARCH,
-    which sets COLMAP's effort. Raises HandbenchError if COLMAP fails.
+    sources: for each view, the indices of the views that it is matched with. quality: "draft",
+    "normal", "high" or "thorough", which sets COLMAP's iterations. Raises HandbenchError if COLMAP
+    fails.
     """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
@@ -80,8 +83,8 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
 
 
 def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -> None:
-    """Write pictures, cameras and the list of each view's sources to an empty folder, in the layout
-    that COLMAP's stereo reads."""
+    """Write the input of COLMAP's stereo into an empty folder: pictures, cameras, and the list of
+    views that each view is matched with (sources: their indices, for each view)."""
     for part in (
         "images",
         "sparse",
@@ -115,9 +118,12 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
 
 
 def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """Read a depth or normal map [h, w, channels] that COLMAP wrote: width&height&channels& in
-    ASCII, then float32 by channel, row, column. shape: the expected (h, w, channels). Raises
-    HandbenchError if the file is missing or has another shape."""
+    """Read a depth or normal map [h, w, channels], float32, from a file that COLMAP wrote.
+
+    The file holds the text "width&height&channels&" and then float32 values by channel, row and
+    column. shape: the expected (h, w, channels). Raises HandbenchError if the file is missing or
+    has another shape.
+    """
     content = file.read_bytes() if file.is_file() else b""
     h, w, channels = shape
     head = f"{w}&{h}&{channels}&".encode()
@@ -133,9 +139,11 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
 
 
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
-    """Run COLMAP's PatchMatch on a workspace folder, with these options of it. It runs in a child
-    process, because a failure ends the process. Raises HandbenchError, with COLMAP's reason, if it
-    fails."""
+    """Run COLMAP's PatchMatch on a workspace folder, into which it writes depth and normal maps.
+
+    options: fields of pycolmap.PatchMatchOptions. A child process runs it, because a failure inside
+    COLMAP ends the process. Raises HandbenchError with COLMAP's reason if it fails.
+    """
     done = subprocess.run(
         [sys.executable, "-P", "-c", CHILD, str(workspace), json.dumps(options)],
         stdin=subprocess.DEVNULL,
@@ -171,7 +179,7 @@ def _depth_map(
 
 
 def _size(views: list[View]) -> tuple[int, int]:
-    """Return the height and width of the smallest picture into which every view fits."""
+    """Return the least height and width, in pixels, of a picture into which every view fits."""
     height, width = np.max([view.gray.shape for view in views], axis=0)
     return int(height), int(width)
 

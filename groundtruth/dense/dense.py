@@ -1,7 +1,7 @@
-"""Dense stage: a depth map for every view, on the CPU.
+"""Depth maps of all views, computed on the CPU.
 
 Every threshold is in pixels of the working resolution, never in millimetres, so that a hand, a
-façade and an unscaled scene use the same thresholds.
+façade and a scene without metric scale need the same thresholds.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,11 @@ from handbench.support.progress import say, track
 
 
 class Limits(NamedTuple):
-    """Limits for the pixels that a depth map keeps: highest matching cost (1 − NCC), and lowest
-    cosine of the angle between surface normal and line of sight."""
+    """Limits for the pixels that a depth map keeps.
+
+    cost: highest matching cost, 1 − NCC. cosine: lowest cosine of the angle between surface normal
+    and line of sight.
+    """
 
     cost: float
     cosine: float
@@ -41,8 +44,11 @@ JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surf
 
 @dataclass(frozen=True)
 class ViewDepth:
-    """The depth map of one view: depth_m [h, w] along the camera's z axis (NaN where unknown), and
-    the surface's normals [h, w, 3] in the world frame."""
+    """The depth map of one view.
+
+    depth_m [h, w]: depth along the camera's z axis, metres, NaN if unknown. normals [h, w, 3]: unit
+    normals of the surface in the world frame.
+    """
 
     view: View
     depth_m: np.ndarray
@@ -57,13 +63,14 @@ def open_views(
     masks: Masks,
     target_m: np.ndarray | None,
 ) -> tuple[list[View], list[list[int]]]:
-    """Open the registered photographs for dense matching, and choose each one's sources (the other
-    views that it is matched with, see `choose_sources`).
+    """Prepare the registered photographs for dense matching, and choose which views each is matched
+    with (its sources).
 
-    shrink: divisor of the resolution. box_m [2, 3]: region of interest; photographs that do not
-    show it are left out. target_m [2, 3]: a tight box around the target for the segmentation by
-    colour, if known. Returns the views and, for each, the indices of its sources among them. Raises
-    HandbenchError if fewer than three photographs show the box.
+    model: COLMAP's, with cameras and sparse points. shrink: divisor of the resolution. box_m [2,
+    3]: region of interest; photographs that do not show it are left out. target_m [2, 3]: a tight
+    box around the target, if known, for the masks that are found by colour. Returns the views and,
+    for each, the indices of its sources among them. Raises HandbenchError if fewer than three
+    photographs show the box.
     """
     by_name = {photo.name: photo for photo in photos}
     images = registered_images(model)
@@ -98,11 +105,12 @@ def open_views(
 def depth_maps(
     views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
 ) -> list[ViewDepth]:
-    """Compute the depth map of every view by matching it with its sources (indices into `views`),
-    on the CPU, and print a prediction of the cost first.
+    """Compute the depth map of every view on the CPU, by matching it with its source views. The
+    predicted time and memory are printed first.
 
-    iterations: of PatchMatch; seed: of its random numbers; thorough: sweep planes in several
-    directions, and keep surfaces that are seen at low angles.
+    sources: for each view, the indices of its sources in `views`. iterations: of PatchMatch; seed:
+    of its random numbers. thorough: also sweep tilted planes, and keep surfaces that are seen at
+    low angles.
     """
     coarse = [view.halved() for view in views]
     counts = [
@@ -131,10 +139,11 @@ def depth_maps(
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
-    """Choose up to four sources for each view: the views that share most sparse points with it at a
-    useful angle (Yao et al., ECCV 2018). Returns a list of indices for each view, best first.
+    """Choose up to four source views to match each view with: those that share the most sparse
+    points with it under a useful angle (Yao et al., ECCV 2018).
 
-    tracks [n, views]: which views see each of the sparse points_m [n, 3].
+    tracks [n, views]: True where a view sees one of the n sparse points; points_m [n, 3]: these
+    points. Returns for each view the indices of its sources, best first.
     """
     rays = np.stack([points_m - view.centre_m for view in views])
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
@@ -159,12 +168,14 @@ def refine_planes(
     seed: int = 0,
     limits: Limits = USUAL,
 ) -> ViewDepth:
-    """Refine a first guess of each pixel's plane to a depth map: PatchMatch, a refinement with
-    curved windows, and removal of poor matches, grazing surfaces and edges. With 0 iterations, only
-    the last two.
+    """Turn an initial plane at each pixel of a view into a depth map.
 
-    planes [h, w, 3]: disparity and its slopes per column and row, NaN where there is no guess;
-    changed in place. limits: which pixels are kept.
+    Three steps: PatchMatch, a refinement with curved windows, and the removal of poor matches,
+    grazing surfaces and pixels next to depth jumps. With 0 iterations, the first step is skipped.
+
+    stereo: the view's picture with its sources. planes [h, w, 3]: disparity (scaled inverse depth)
+    and its slopes per column and row, NaN where unknown; changed in place. seed: of PatchMatch's
+    random numbers. limits: which pixels are kept.
     """
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
@@ -177,10 +188,12 @@ def refine_planes(
 
 
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the surface's unit normals [h, w, 3] in the camera frame, towards the camera, and the
-    cosine [h, w] of the angle between normal and line of sight, from planes [h, w, 3].
+    """Compute the surface's normals from planes [h, w, 3] (disparity and its slopes per column and
+    row).
 
-    Inverse depth ω(x) = m·x over pixels x = K X / z is the plane (Kᵀ m)·X = 1.
+    Returns unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine [h, w] of
+    the angle between normal and line of sight. Where inverse depth is ω(x) = m·x over the pixels x
+    = K X / z, the surface is the plane (Kᵀ m)·X = 1.
     """
     h, w = view.gray.shape
     v, u = np.mgrid[:h, :w]
@@ -193,8 +206,12 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _beside_jump(planes: np.ndarray) -> np.ndarray:
-    """Mark the pixels [h, w] next to a jump in depth, whose neighbour does not continue their
-    plane: a window there covers two surfaces, and depth is biased."""
+    """Mark the pixels next to a jump in depth, where a matching window covers two surfaces and
+    biases the depth.
+
+    planes [h, w, 3]: disparity and its slopes per column and row. Returns True [h, w] where a
+    neighbour's disparity differs by more than JUMP_PX (one pixel) from the continued plane.
+    """
     disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):

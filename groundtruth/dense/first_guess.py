@@ -1,9 +1,9 @@
-"""A first plane for every pixel, from plane sweeps at half the resolution.
+"""Initial plane of every pixel, from plane sweeps at half the resolution.
 
-Gallup et al., "Real-time plane-sweeping stereo with multiple sweeping directions", CVPR 2007:
-windows on planes that face the camera do not match on a floor seen at a low angle, and PatchMatch
-does not recover from such a guess. Each pixel takes the planes of the best-matching of several
-sweeps.
+Gallup et al., "Real-time plane-sweeping stereo with multiple sweeping directions", CVPR 2007. A
+sweep of planes that face the camera fails on surfaces seen at a low angle, such as a floor, and
+PatchMatch does not recover from such a start. So planes in several directions can be swept, and
+each pixel takes the plane that matches best.
 """
 
 import cv2
@@ -28,8 +28,11 @@ MERIT_PX = 5  # side of the window of the mean cost by which sweeps are compared
 
 
 def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
-    """Return the first and last disparity of a sweep that covers the depths of a view, and the
-    number of planes. unit: inverse depth (1/m) of one step of disparity."""
+    """Choose the planes of a sweep that covers all depths of a view at half the resolution.
+
+    unit: inverse depth (1/m) of one step of disparity. Returns the first and the last disparity,
+    and the number of planes.
+    """
     first, last = (1 / (z * unit) for z in (np.nanmax(half.far_m), np.nanmin(half.near_m)))
     return first, last, int(np.clip(np.ceil(last - first), FEWEST_PLANES, MOST_PLANES))
 
@@ -37,12 +40,12 @@ def planes_swept(half: View, unit: float) -> tuple[float, float, int]:
 def first_guess(
     view: View, half: View, sources: list[View], unit: float, slanted: bool
 ) -> np.ndarray:
-    """Guess the plane of each pixel of a view by plane sweeps at half the resolution.
+    """Compute an initial plane at each pixel of a view by plane sweeps at half the resolution.
 
-    half, sources: the view and its sources at half the resolution; unit: inverse depth (1/m) of one
-    disparity of the full view. slanted: also sweep planes that are tilted to each of four sides,
-    and keep the best-matching plane at each pixel. Returns [h, w, 3] float32 for the full view:
-    disparity, slope per column and slope per row.
+    half, sources: the view and its source views at half the resolution. unit: inverse depth (1/m)
+    of one step of disparity in the full view. slanted: also sweep planes that are tilted to four
+    sides, and keep the best-matching plane at each pixel. Returns [h, w, 3] float32 for the full
+    view: disparity, slope per column and slope per row.
     """
     stereo = Stereo.of(half, sources)
     scale, (h, w) = stereo.unit / unit, view.gray.shape
@@ -64,8 +67,12 @@ def first_guess(
 
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:
-    """Choose, at each pixel, the plane that matches best among several maps of planes [h, w, 3];
-    costs are averaged over a small window first."""
+    """Choose at each pixel the best-matching of several planes.
+
+    candidates: maps [h, w, 3] of disparity and its slopes, whose disparities are limited in place
+    to the view's depth range. Matching costs are averaged over a small window before they are
+    compared. Returns one such map.
+    """
     low, high = 1 / (half.far_m * stereo.unit), 1 / (half.near_m * stereo.unit)
     merits = []
     for planes in candidates:
@@ -84,15 +91,22 @@ def _planes(
 
 
 def _slopes(disparity: np.ndarray, smooth_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the slopes of a disparity map [h, w] per column and per row, each [h, w], after
-    smoothing with a standard deviation of smooth_px; steep ones are clipped."""
+    """Compute the slopes of a disparity map [h, w] per column and per row, each [h, w].
+
+    The map is first smoothed by a Gaussian with standard deviation smooth_px. Steeper slopes than
+    STEEPEST (disparities per pixel) are clipped to it.
+    """
     slope_y, slope_x = np.gradient(cv2.GaussianBlur(disparity, (0, 0), smooth_px))
     return np.clip(slope_x, -STEEPEST, STEEPEST), np.clip(slope_y, -STEEPEST, STEEPEST)
 
 
 def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) -> np.ndarray:
-    """Sweep planes that all have the same slope (disparities of `stereo` per column and row).
-    Returns the disparity [h, w] float32 in steps of `unit` (1/m)."""
+    """Find the disparity at each pixel of a view by a sweep of parallel planes.
+
+    half: the view at half the resolution; stereo: its picture with the source views. slope: the
+    planes' common slopes per column and row, in disparities of `stereo` per pixel. Returns
+    disparity [h, w] float32, converted to steps of `unit` (inverse depth, 1/m).
+    """
     h, w = half.gray.shape
     first, last, count = planes_swept(half, stereo.unit)
     step = (last - first) / (count - 1)
@@ -109,11 +123,13 @@ def _sweep(half: View, stereo: Stereo, slope: tuple[float, float], unit: float) 
 def planes_through(
     view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float, steepest: float = STEEPEST
 ) -> np.ndarray:
-    """Compute each pixel's plane [h, w, 3] (disparity, slope per column, slope per row) from depths
-    [h, w] and unit normals [h, w, 3] in the camera frame.
+    """Convert depths [h, w] (metres) and unit normals [h, w, 3] (camera frame) to each pixel's
+    plane.
 
-    unit: inverse depth (1/m) of one disparity; steepest: limit of the slopes. NaN for depths
-    outside the view's range and for normals that face away. The plane n·X = d is 1/z = (n·K⁻¹x)/d.
+    unit: inverse depth (1/m) of one step of disparity. steepest: slopes are clipped to ± this
+    value. Returns [h, w, 3] float32: disparity, slope per column and slope per row; NaN for depths
+    outside the view's range and for normals that face away. The plane n·X = d has 1/z = (n·K⁻¹x)/d
+    at pixel x.
     """
     depth_m = depth_m.astype(np.float64)
     towards = (normals * view.rays()).sum(axis=-1)

@@ -1,4 +1,4 @@
-"""Fusion: points on which the depth maps of several views agree."""
+"""Fusion of depth maps: points on which several views agree."""
 
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -24,12 +24,14 @@ AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixel
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points [n, 3] and outward normals [n, 3] (not quite unit vectors) in the mesh's frame.
+    """Fused points [n, 3] and outward normals [n, 3] (not exactly of unit length) in the mesh's
+    frame.
 
-    views [n, views]: True for the views, in the order of `names`, that agree on a point. spread_m
-    [n]: standard deviation, along the normal, between the depths of these views, each first
-    averaged over a few neighbouring pixels as a surface does, so that noise of single pixels is not
-    part of it. pixel_m: size of one pixel of the depth maps on the surface (median).
+    views [n, number of views]: True where a view agrees on a point; names: the views' photographs.
+    spread_m [n]: standard deviation, along the normal, between the depths of the agreeing views.
+    Each view's depths are first averaged over a few neighbouring pixels, as a surface averages
+    them, so that noise of single pixels does not count. pixel_m: median size of a depth map's pixel
+    on the surface.
     """
 
     points_m: np.ndarray
@@ -40,12 +42,13 @@ class Cloud:
     pixel_m: float
 
     def at(self, index: np.ndarray) -> "Cloud":
-        """Return the cloud of the points chosen by `index`, a mask [n] or indices."""
+        """Return the cloud with only the points that `index` selects, a mask [n] or indices."""
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
     def shifted(self, by_m: np.ndarray) -> "Cloud":
-        """Return the cloud in a frame in which all positions are by_m [3] larger, metres."""
+        """Return the cloud with all points moved by by_m [3], metres, for a frame with another
+        origin."""
         return replace(self, points_m=self.points_m + by_m)
 
     def save(self, file: Path) -> None:
@@ -66,12 +69,12 @@ class Cloud:
 def fuse(
     maps: list[ViewDepth], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
 ) -> Cloud:
-    """Fuse depth maps to a cloud: each pixel whose point other views confirm becomes the mean point
-    of all views that agree with it.
+    """Fuse depth maps to a cloud. Each pixel that enough other views confirm becomes the mean of
+    the points of all views that agree.
 
     box_m [2, 3]: points outside are dropped (None: all are kept). confirmations: number of other
-    views that must agree; one suffices for up to FEW_VIEWS maps. Raises HandbenchError if memory
-    does not suffice.
+    views that must agree with a pixel; with five maps (FEW_VIEWS) or fewer, one suffices. Raises
+    HandbenchError if memory does not suffice.
     """
     fewest = confirmations if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
@@ -106,11 +109,12 @@ def fuse(
 
 
 def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
-    """Compute, at each pixel [h, w], the standard deviation in metres between the depths of the
-    views that agree on it.
+    """Compute at each pixel the standard deviation [h, w], metres, between the depths of the views
+    that agree on it.
 
-    offset [h, w, views]: each view's point relative to the pixel's own, along its normal; agreeing
-    [h, w, views]: which views agree. Each view's offsets are averaged over a small window first.
+    offset [h, w, views]: distance of each view's point from the pixel's own point, along the
+    normal; averaged over a small window first. agreeing [h, w, views]: True for the views that
+    agree.
     """
     size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
     for s in range(offset.shape[-1]):
@@ -133,13 +137,12 @@ def _agree(
     R: np.ndarray,
     t: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find, for each pixel of view number `reference`, the other views whose depth and normal agree
-    with its own.
+    """Find the views that agree in depth and normal with each pixel of the view number `reference`.
 
-    Returns the mean point and normal [h, w, 3] over these views and itself, the mask [h, w, views]
-    of the views that agree (itself included), and how far each one's point is from its own along
-    its normal [h, w, views]. depths [views, h, w] and normals [views, h, w, 3] of all views; K, R,
-    t of each.
+    depths [views, h, w] (metres) and normals [views, h, w, 3]: depth maps of all views; K, R, t:
+    their cameras. Returns for each pixel, over the reference and the agreeing views, the mean point
+    [h, w, 3] and the mean normal [h, w, 3]; the mask [h, w, views] of these views; and the distance
+    [h, w, views] of each view's point from the pixel's own, along the normal.
     """
     count, h, w = depths.shape
     point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
@@ -185,7 +188,8 @@ def _agree(
 def _world(
     x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray
 ) -> None:
-    """Write into `point` [3] the world point that pixel (x, y) sees at a depth."""
+    """Compute the world point that a view shows at pixel (x, y) and a given depth; written into
+    `point` [3]."""
     a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
     b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
     c = depth - t[2]
@@ -197,7 +201,8 @@ def _world(
 def _project(
     point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
 ) -> None:
-    """Write into `seen` [3] the column, row and depth at which a view sees a world point [3]."""
+    """Project a world point [3] into a view; the column, row and depth are written into `seen`
+    [3]."""
     a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
     b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
     c = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]

@@ -1,5 +1,5 @@
-"""Compilation of photogrammetry's kernels before they are needed: some twenty seconds, once per
-machine; later runs read the cache."""
+"""Compilation of the functions for matching and fusion before they are needed. It takes about
+twenty seconds, once per machine; later runs read the cache of compiled code."""
 
 import numpy as np
 
@@ -10,8 +10,7 @@ from handbench.support.compiled import compile_once
 
 
 def compile_kernels() -> None:
-    """Compile the functions for matching and fusion, unless they are in the cache of compiled
-    code."""
+    """Compile the functions for matching and fusion, unless the cache of compiled code has them."""
     kernels = (
         planesweep._correlate,
         planesweep._smooth,

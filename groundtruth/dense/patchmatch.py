@@ -5,9 +5,10 @@ Schindler, "Massively parallel multiview stereopsis by surface normal diffusion"
 bilaterally weighted NCC after Schönberger et al., "Pixelwise view selection for unstructured
 multi-view stereo", ECCV 2016.
 
-A hypothesis is a plane: disparity δ (inverse depth in steps of about one source pixel) and its
-slope per column and row. Pixels of one colour of the chessboard read only those of the other, and
-randomness is a hash of the pixel, so that the result does not depend on the number of threads.
+The hypothesis at a pixel is a plane: disparity δ (inverse depth in steps of about one source pixel)
+and its slope per column and per row. The pixels form a chessboard of two colours: those of one
+colour read only those of the other, and random numbers are a hash of the pixel's index. So the
+result does not depend on the number of threads.
 """
 
 import cv2
@@ -54,14 +55,16 @@ def refine(
     iterations: int,
     seed: int,
 ) -> np.ndarray:
-    """Improve `planes` in place by PatchMatch and return their matching cost [h, w] float32.
+    """Improve each pixel's plane by PatchMatch, in place, and return the matching cost [h, w]
+    float32: 1 − NCC, averaged over the better half of the source views.
 
-    planes [h, w, 3] float32: disparity, slope per column and slope per row of each pixel. The cost
-    is 1 − NCC, averaged over the better half of the sources. low, high [h, w]: allowed disparities,
-    NaN for pixels to leave out. iterations: of PatchMatch; with 0, the planes are only evaluated
-    and moved to the nearest cost minimum. seed: of the random variations. After the first
-    evaluation only pixels with matching neighbours are processed: others are mostly background,
-    which matches nowhere in the box.
+    planes [h, w, 3] float32: disparity, slope per column and slope per row. low, high [h, w]: range
+    of allowed disparities, NaN for pixels to leave out. iterations: number of PatchMatch
+    iterations; with 0, the planes are only evaluated and moved to the nearest cost minimum. seed:
+    of the random variations.
+
+    After the first evaluation, pixels without well-matched neighbours are skipped: most of them
+    show background, which matches at no allowed disparity.
     """
     wanted = low <= high
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
@@ -81,13 +84,13 @@ def refine(
 
 
 def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Compute the second derivatives [h, w, 3] of the disparity (per column², per column and row,
-    per row²) from the slopes in `planes` [h, w, 3]. wanted [h, w]: True at pixels that have a
-    plane.
+    """Compute the second derivatives [h, w, 3] of the disparity: per column², per column and row,
+    per row².
 
-    A plane fitted over a window on a convex surface is too deep at its middle, by half the
-    curvature times the window's mean square: some hundredths of a millimetre on a finger. A
-    paraboloid is not.
+    planes [h, w, 3]: disparity and its slopes; wanted [h, w]: True at pixels that have a plane. The
+    derivatives curve the matching window to a paraboloid. A flat window on a convex surface gives a
+    depth that is too large in its middle, by half the curvature times the window's mean square:
+    some hundredths of a millimetre on a finger.
     """
     weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
     smooth = [
@@ -102,8 +105,8 @@ def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def _random(pixel: int, step: int, draw: int, seed: int) -> float:
-    """Return a pseudo-random number, uniform in −1 … 1, that depends only on the four arguments: a
-    hash (the finaliser of MurmurHash3)."""
+    """Return a pseudo-random number, uniform in −1 … 1, as a hash of the four arguments alone (the
+    finaliser of MurmurHash3)."""
     k = np.uint64(pixel) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(step) * np.uint64(
         0xBF58476D1CE4E5B9
     )
@@ -125,12 +128,12 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
 def _window(
     reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int
 ) -> Window:
-    """Extract the matching window about pixel (x, y) of the reference, which is padded at its
-    border: column, row, values about their weighted mean, bilateral weights with sum 1, and
-    weighted variance.
+    """Extract the matching window around pixel (x, y) of the reference picture, which is padded at
+    its border.
 
-    The first `samples` entries of the scratch arrays values and weights [SAMPLES] are overwritten,
-    and returned.
+    samples: number of pixels in the window. values, weights: scratch arrays, whose first `samples`
+    entries are overwritten and returned. Returns column, row, gray values minus their weighted
+    mean, bilateral weights with sum 1, and weighted variance.
     """
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
@@ -162,12 +165,12 @@ def _window(
     fastmath={"contract", "reassoc", "nsz", "arcp"},
 )
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
-    """Compute 1 − NCC between the window and source number s under the plane; WORST where the
-    source does not see all of the window.
+    """Compute 1 − NCC between a window of the reference and source view number s, if the surface is
+    the given plane; 2 (WORST) if the source view does not show the whole window.
 
-    The plane's homography is taken as affine across the window. bend: second derivatives of the
-    disparity (per column², per column and row, per row²), which make a paraboloid of the plane;
-    None: a plane.
+    plane: disparity and its slopes per column and row, whose homography is approximated as affine
+    across the window. bend: second derivatives of the disparity (per column², per column and row,
+    per row²), which turn the plane into a paraboloid; None: a plane.
     """
     x, y, values, weights, variance = window
     sources, A, b = stereo.sources, stereo.A, stereo.b
@@ -245,12 +248,13 @@ def _cost(
     ranked: bool,
     most: float = np.inf,
 ) -> float:
-    """Compute the mean of 1 − NCC over the better half of the sources under the plane; above
-    `most`, the sum may stop early, and the result is only some number above `most`.
+    """Compute the matching cost of a plane: 1 − NCC, averaged over the better half of the source
+    views.
 
-    ranked: `chosen` lists the sources, best first, and only its better half is compared; otherwise
-    all are compared, and their order is written to `chosen`. mismatch: scratch, one value per
-    source.
+    ranked: True if `chosen` already lists the source views, best first, so that only its first half
+    is compared; False: all of them are compared, and their order is written to `chosen`. mismatch:
+    scratch, one value per source view. most: the sum stops early once the mean must exceed this
+    value; the result is then only some number above it.
     """
     used = max(1, len(chosen) // 2)
     total = 0.0
@@ -274,8 +278,8 @@ def _cost(
 
 @njit(cache=True, forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
-    """Find the pixel (row, column) with the least cost among those at distances 1, 3 and 5 in one
-    of four directions; (-1, -1) if none of them has a cost below WORST."""
+    """Find the pixel (row, column) with the lowest cost among the neighbours of (y, x) at distances
+    1, 3 and 5 in one of four directions. Returns (-1, -1) if none of them has been matched."""
     h, w = cost.shape
     best_i, best_j, least = -1, -1, WORST
     for distance in range(1, REACH + 1, 2):
@@ -296,12 +300,12 @@ def _pass(
     seed: int,
     samples: int,
 ) -> None:
-    """Process the pixels of one colour of the chessboard in one iteration, in place: try the planes
-    of neighbours, then random variations of the best.
+    """Run one iteration of PatchMatch, in place, on the pixels of one colour of the chessboard: try
+    the planes of neighbours, then random variations of the best plane.
 
-    step: 2 · iteration + colour; iteration 0 only evaluates. samples: number of the window's pixels
-    that are compared. The sources are ranked under the plane that a pixel has; other planes are
-    compared on the better half of them.
+    low, high [h, w]: allowed disparities. step: 2 · iteration + colour (0 or 1); iteration 0 only
+    evaluates the planes. samples: number of a window's pixels that are compared. The source views
+    are ranked under a pixel's current plane; other planes are compared with the better half only.
     """
     h, w = cost.shape
     iteration = step // 2
@@ -352,9 +356,12 @@ def _pass(
 def _polish(
     stereo: Stereo, planes: np.ndarray, cost: np.ndarray, wanted: np.ndarray, bends: np.ndarray
 ) -> None:
-    """Refine disparities in place, where `wanted` [h, w]: move each to the vertex of the parabola
-    through the costs here and a quarter of a pixel to either side. bends [h, w, 3]: the disparity's
-    second derivatives, so that windows are curved. `cost` [h, w] becomes that before the move."""
+    """Refine the disparities in place where `wanted` [h, w] is True.
+
+    The cost is computed at the disparity and a quarter of a pixel to either side, and the disparity
+    moves to the vertex of the parabola through the three. bends [h, w, 3]: second derivatives of
+    the disparity, which curve the windows. `cost` [h, w] is set to the cost before the move.
+    """
     h, w = cost.shape
     for row in prange(h):
         y = int(np.int64(row))

@@ -1,10 +1,10 @@
-"""Plane sweep with normalised cross-correlation, and semi-global smoothing: a first depth for every
-pixel.
+"""Initial depth of every pixel: plane sweep with normalised cross-correlation (NCC), and
+semi-global smoothing.
 
 Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; Hirschmüller, "Stereo
-processing by semiglobal matching and mutual information", TPAMI 2008. Disparity here is inverse
-depth in steps that move a pixel by one pixel in the source that sees it move most. Planes and lines
-write to places of their own, so that the result does not depend on the number of threads.
+processing by semiglobal matching and mutual information", TPAMI 2008. Disparity here means inverse
+depth, in steps that move a pixel by one pixel in the source picture where it moves most. Threads
+never write to the same array elements, so the result does not depend on their number.
 """
 
 from functools import partial
@@ -37,16 +37,16 @@ PATHS: tuple[tuple[int, int], ...] = (
 
 
 def less() -> str:
-    """Advice for depth maps that do not fit into memory."""
+    """Return advice, for error messages, on depth maps that do not fit into memory."""
     return f"choose a lower {option('--quality')}, or fewer or smaller photographs"
 
 
 def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     """Compute a disparity map [h, w] float32 by plane sweep and semi-global smoothing.
 
-    The planes are at disparities first, first + 1, …, `planes` of them; the result is the minimum
-    of the smoothed cost, interpolated between planes. Raises HandbenchError if the cost volume does
-    not fit into memory.
+    The swept disparities are first, first + 1, …, first + planes − 1. The result minimises the
+    smoothed matching cost, interpolated between planes. Raises HandbenchError if the costs of all
+    pixels and planes do not fit into memory.
     """
     h, w = stereo.reference.shape
     require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", less())
@@ -68,8 +68,11 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
 
 
 def _moments(picture: np.ndarray) -> np.ndarray:
-    """Compute, for the square window about each pixel of a picture a, the number of pixels n, the
-    sum Σa, and n Σa² − (Σa)²: [3, h, w] float32."""
+    """Compute the sums of a picture a [h, w] over the square window around each pixel.
+
+    Returns [3, h, w] float32: the number n of the window's pixels inside the picture, Σa, and n Σa²
+    − (Σa)².
+    """
     sides = (2 * WINDOW_RADIUS + 1, 2 * WINDOW_RADIUS + 1)
     parts = (np.ones_like(picture), picture, picture**2)
     n, a, aa = (
@@ -80,8 +83,8 @@ def _moments(picture: np.ndarray) -> np.ndarray:
 
 
 def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
-    """List the pixels [n, 2] (row, column) at which lines with the step (step_y, step_x) enter a
-    picture of h × w pixels."""
+    """List the border pixels [n, 2] (row, column) of a picture of h × w pixels at which lines with
+    the step (step_y, step_x) start."""
     y, x = np.mgrid[:h, :w]
     before_y, before_x = y - step_y, x - step_x
     enters = (before_y < 0) | (before_y >= h) | (before_x < 0) | (before_x >= w)
@@ -92,10 +95,12 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
 def _warp(
     stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
 ) -> None:
-    """Write into `warped` [w] what source s shows at row y of the reference if the surface lies at
-    this disparity; OUTSIDE where that is beyond the source's picture.
+    """Warp source view number s to row y of the reference, as if the surface were at this
+    disparity.
 
-    places [2, w]: scratch for columns and rows, whose separate loop becomes vector code.
+    Writes the source view's gray values into `warped` [w], and −1 (OUTSIDE) where it does not show
+    the pixel. places [2, w]: scratch for columns and rows; their separate loop is compiled to
+    vector instructions.
     """
     sources, A, b = stereo.sources, stereo.A, stereo.b
     rows, columns = np.float32(stereo.sizes[s, 0] - 1), np.float32(stereo.sizes[s, 1] - 1)
@@ -122,8 +127,12 @@ def _warp(
 
 @njit(cache=True)
 def _across(columns: np.ndarray, sums: np.ndarray) -> None:
-    """Write into `sums` [w] the sums over each window of a row, from the sums of its columns [w + 2
-    WINDOW_RADIUS], which are 0 beyond the picture."""
+    """Sum over the square windows along a row: add the column sums under the window around each
+    pixel, and write the totals into `sums` [w].
+
+    columns [w + 2 r]: sums over the windows' columns, 0 beyond the picture, for windows of 2 r + 1
+    pixels (r = WINDOW_RADIUS).
+    """
     for x in range(len(sums)):
         total = columns[x]
         for k in range(1, 2 * WINDOW_RADIUS + 1):
@@ -135,9 +144,13 @@ def _across(columns: np.ndarray, sums: np.ndarray) -> None:
 def _mismatch(
     first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray
 ) -> None:
-    """Write 1 − NCC [h, w] of two pictures over square windows into `mismatch`: 1 where one of them
-    has no texture, WORST where the second is OUTSIDE. moments [3, h, w]: of the first picture, as
-    returned by `_moments`."""
+    """Compute 1 − NCC of two pictures [h, w] over square windows, and write it into `mismatch` [h,
+    w].
+
+    The value is 1 where one picture has no texture, and 2 (WORST) where the second picture is −1
+    (OUTSIDE). moments [3, h, w]: for the window around each pixel of the first picture a, the
+    number of pixels n, Σa, and n Σa² − (Σa)².
+    """
     h, w = first.shape
     columns = np.zeros((3, w + 2 * WINDOW_RADIUS), np.float32)  # of b, b² and a b
     inner = columns[:, WINDOW_RADIUS : w + WINDOW_RADIUS]
@@ -164,8 +177,8 @@ def _mismatch(
 
 @njit(cache=True)
 def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.float32) -> None:
-    """Add one row of two pictures a and b to running column sums [3, w] of b, b² and a b, in place;
-    sign −1 takes it away."""
+    """Add one row of two pictures a and b to running column sums [3, w] of b, b² and a b, in place.
+    sign: 1 adds the row, −1 subtracts it."""
     for x in range(len(first)):
         a, b = first[x], second[x]
         sums[0, x] += sign * b
@@ -175,9 +188,13 @@ def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.f
 
 @njit(nogil=True, cache=True)
 def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.ndarray) -> None:
-    """Write the matching cost of one plane into `cost` [h, w] uint8: 1 − NCC, averaged over the
-    better half of the sources, scaled by LARGEST_COST and limited to it. moments: of the reference,
-    as returned by `_moments`."""
+    """Compute the matching cost of the plane at one disparity, and write it into `cost` [h, w]
+    uint8.
+
+    The cost is 1 − NCC, averaged over the better half of the source views, multiplied by 127
+    (LARGEST_COST) and limited to it. moments [3, h, w]: for the window around each pixel of the
+    reference a, the number of pixels n, Σa, and n Σa² − (Σa)².
+    """
     h, w = stereo.reference.shape
     count = len(stereo.sources)
     used = max(1, count // 2)
@@ -201,8 +218,8 @@ def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.n
 
 @njit(cache=True)
 def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
-    """Exchange values of two pictures [h, w], in place, so that `least` has the smaller one at
-    every pixel and `other` the larger one."""
+    """Sort two pictures [h, w] pixel by pixel, in place: `least` gets the smaller value and `other`
+    the larger one."""
     h, w = least.shape
     for y in range(h):
         for x in range(w):
@@ -214,8 +231,11 @@ def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
 def _smooth(
     cost: np.ndarray, total: np.ndarray, step_y: int, step_x: int, starts: np.ndarray
 ) -> None:
-    """Add to `total` [h, w, planes] the costs of semi-global matching along the lines in one
-    direction (step_y, step_x) that begin at the pixels `starts` [n, 2]."""
+    """Add to `total` [h, w, planes] the path costs of semi-global matching in one direction.
+
+    cost [h, w, planes]: matching costs. (step_y, step_x): the direction. starts [n, 2]: pixels
+    (row, column) at which the lines begin.
+    """
     h, w, planes = cost.shape
     previous, current = np.empty(planes + 2, dtype=np.int32), np.empty(planes + 2, dtype=np.int32)
     for y, x in starts:
@@ -238,8 +258,11 @@ def _smooth(
 
 
 def _lowest(total: np.ndarray) -> np.ndarray:
-    """Find the plane [h, w] with the smallest total cost [h, w, planes] at each pixel, as a
-    fractional number: the vertex of the parabola through it and its two neighbours."""
+    """Find the plane with the smallest total cost at each pixel, as a fractional index [h, w]: the
+    vertex of the parabola through the lowest cost and its two neighbours.
+
+    total [h, w, planes]: smoothed costs.
+    """
     place = total.argmin(axis=-1)
     inner = np.clip(place, 1, total.shape[-1] - 2)
     left, here, right = (

@@ -1,5 +1,5 @@
-"""Prediction of the cost of depth maps: operations counted on the views, times this machine's rates
-measured on a small part."""
+"""Predicted time and memory of depth maps: counts of operations, multiplied by this machine's
+speed, which is measured on a small part of a view."""
 
 import time
 from collections.abc import Callable
@@ -26,9 +26,9 @@ LIBRARY_BYTES = 3e8  # kernels and imported libraries
 class Prediction(NamedTuple):
     """Predicted cost of computing depth maps.
 
-    pixels: number to match, in all views; most_planes: largest number of planes in a sweep.
-    seconds: processor time, summed over threads (independent of other load); bytes_: additional
-    memory at the peak, fusion included.
+    pixels: number to match, over all views. most_planes: largest number of planes in a sweep.
+    seconds: processor time, summed over threads, so that other load on the machine does not matter.
+    bytes_: additional memory at the peak, fusion included.
     """
 
     pixels: int
@@ -54,12 +54,12 @@ def predict_cost(
     iterations: list[int],
     sweeps: int = 1,
 ) -> Prediction:
-    """Predict processor time and memory of the views' depth maps, from rates measured on a small
-    part of the first view.
+    """Predict processor time and memory for the depth maps of all views, from the speed measured on
+    a small part of the first view.
 
-    stereo: the first view with its sources; sources: number of sources of each view; planes: number
-    of planes swept for each view at half the resolution; iterations: those of each run of
-    PatchMatch; sweeps: number of directions that are swept.
+    stereo: the first view's picture with its sources. sources: number of source views of each view.
+    planes: for each view, number of planes swept at half the resolution. iterations: number of
+    iterations of each run of PatchMatch. sweeps: number of directions that are swept.
     """
     sizes = np.array([view.gray.size for view in views])
     wanted = np.array([int(np.isfinite(view.near_m).sum()) for view in views])
@@ -76,8 +76,9 @@ def predict_cost(
 
 
 def _matches(sources: int, iterations: int) -> int:
-    """Count the windows that PatchMatch compares at one pixel: all sources for the current plane,
-    the better half of them for each plane that is tried."""
+    """Count the windows that PatchMatch compares at one pixel in a run of `iterations` iterations:
+    those in all source views for the current plane, and in the better half of them for each other
+    plane tried."""
     half = max(1, sources // 2)
     return (
         sources
@@ -87,9 +88,12 @@ def _matches(sources: int, iterations: int) -> int:
 
 
 def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
-    """Measure two rates on a small part of a view, processor time in seconds: of the sweep, for
-    each pixel, plane and source; and of PatchMatch, for each window that it compares. A first run
-    that loads or compiles the functions is not counted."""
+    """Measure the speed of matching on a small part of a view, in seconds of processor time.
+
+    Returns the time of the plane sweep for each pixel, plane and source, and the time of PatchMatch
+    for each window that it compares. A first run, which loads or compiles the functions, is not
+    counted.
+    """
     y, x = np.median(np.argwhere(np.isfinite(view.near_m)), axis=0).astype(int)
     top, left = (max(0, middle - TRIAL_PX // 2) for middle in (y, x))
     shift = np.array([[1.0, 0, left], [0, 1, top], [0, 0, 1]])

@@ -1,8 +1,8 @@
-"""Views of the dense stage: undistorted, cropped and shrunk photographs.
+"""Views: photographs that are undistorted, cropped and shrunk for dense matching.
 
-Depth is measured along the camera's z axis. The sweep and PatchMatch use inverse depth ω = 1/z,
-because a plane in space is exactly an affine function of the pixel in ω, and because a source view
-sees a pixel x move along a line with ω: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
+Depth is measured along the camera's z axis. Plane sweep and PatchMatch use inverse depth ω = 1/z:
+on a plane in space, ω is exactly an affine function of the pixel, and a pixel x moves along a line
+in a source view as ω changes: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ class View:
     """A photograph prepared for matching: gray values of the region of interest, undistorted, with
     its pinhole camera.
 
-    gray [h, w] float32. K [3, 3] maps camera coordinates to array indices (column, row): the first
-    pixel's centre is at 0. R [3, 3], t [3] (metres) map world points to the camera frame. near_m,
-    far_m [h, w] float32: least and largest depth that the surface may have at a pixel, NaN for
-    pixels that are not of interest.
+    gray [h, w] float32. K [3, 3] maps camera coordinates to array indices (column, row), where the
+    first pixel's centre is at 0. R [3, 3] and t [3] (metres) map a world point X to the camera
+    frame as R X + t. near_m, far_m [h, w] float32: smallest and largest depth that the surface may
+    have at a pixel, NaN for pixels that are not of interest.
     """
 
     name: str
@@ -40,12 +40,12 @@ class View:
 
     @cached_property
     def centre_m(self) -> np.ndarray:
-        """Projection centre [3] in the world frame."""
+        """Projection centre [3] in the world frame, metres."""
         return -self.R.T @ self.t
 
     def halved(self) -> "View":
-        """Return the same view at half the resolution; its depth ranges include those of the joined
-        pixels."""
+        """Return the view at half the resolution. The depth range of each new pixel covers the
+        ranges of the four pixels that it joins."""
         with np.errstate(invalid="ignore"):
             near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
         K = self.K / 2
@@ -55,23 +55,25 @@ class View:
         return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
 
     def rays(self) -> np.ndarray:
-        """Directions [h, w, 3] of the pixels in the camera frame, with z = 1."""
+        """Compute the viewing directions [h, w, 3] of the pixels in the camera frame, with z =
+        1."""
         return _rays(self.K, *self.gray.shape)
 
     def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:
-        """Return A [3, 3] and b [3] of the map to another view: pixel x = [column, row, 1] at
-        inverse depth ω is seen there at A x + b ω, in homogeneous coordinates."""
+        """Compute the map from this view to another: pixel x = [column, row, 1] at inverse depth ω
+        (1/m) appears in `source` at A x + b ω, in homogeneous coordinates. Returns A [3, 3] and b
+        [3]."""
         R = source.R @ self.R.T
         return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
 
 
 class Stereo(NamedTuple):
-    """A reference picture [h, w] and the source pictures [s, H, W] that it is matched with,
-    float32, in the form that the compiled functions take.
+    """A reference picture [h, w] and the pictures [s, H, W] of the s source views that it is
+    matched with, float32, as plain arrays for compiled functions.
 
-    Sources are padded with 0 to a common size; sizes [s, 2]: rows and columns of each. unit:
-    inverse depth (1/m) of one step of disparity. A pixel x = [column, row, 1] at disparity δ is
-    seen by source s at A[s] x + b[s] δ, in homogeneous coordinates.
+    sizes [s, 2]: rows and columns of each source view; the rest of its picture is padded with 0. A
+    pixel x = [column, row, 1] at disparity δ appears in source view number i at A[i] x + b[i] δ, in
+    homogeneous coordinates. unit: inverse depth (1/m) of one step of disparity.
     """
 
     reference: np.ndarray
@@ -83,8 +85,8 @@ class Stereo(NamedTuple):
 
     @classmethod
     def of(cls, view: View, others: list[View]) -> "Stereo":
-        """Combine a view and its sources for matching. The unit of disparity is chosen so that one
-        step moves a pixel by about one pixel in the source where it moves most."""
+        """Combine a view and its source views for matching. The unit of disparity is chosen so that
+        one step moves a pixel by about one pixel in the source where it moves most."""
         sizes = np.array([other.gray.shape for other in others])
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
         for padded, other in zip(sources, others, strict=True):
@@ -110,13 +112,13 @@ def open_view(
     box_m: np.ndarray | None,
     mask: np.ndarray | None = None,
 ) -> View | None:
-    """Read a photograph, shrink it by a whole number and undo its distortion.
+    """Read a photograph, shrink it by the whole number `shrink`, and undo its lens distortion.
 
-    camera, pose: of the photograph, pose from world to camera. depth_range_m: least and largest
-    depth of the surface. box_m [2, 3]: lowest and highest corner, in the world frame, of the region
-    of interest; it crops the picture and replaces the depth range. mask: True at the photograph's
-    pixels [height, width] that are of interest. Returns None if the picture shows nothing of
-    interest.
+    camera, pose: the photograph's; pose maps world to camera. depth_range_m: smallest and largest
+    depth of the surface. box_m [2, 3]: lowest and highest corner of the region of interest in the
+    world frame; the picture is cropped to it, and depths are limited to it. mask [height, width]:
+    True at the photograph's pixels that are of interest. Returns None if the picture shows nothing
+    of interest.
     """
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
@@ -164,8 +166,8 @@ def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
 
 
 def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Reshape a picture [h, w] to [h / factor, factor, w / factor, factor], whose axes 1 and 3
-    count the pixels that are to be joined to one; incomplete squares of pixels at the end are
+    """Split a picture [h, w] into squares of factor × factor pixels: [h / factor, factor, w /
+    factor, factor], where axes 1 and 3 count within a square. Incomplete squares at the end are
     dropped."""
     h, w = (n // factor for n in picture.shape)
     return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
@@ -178,8 +180,11 @@ def _shrink(picture: np.ndarray, factor: int) -> np.ndarray:
 def _extent(
     box_m: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, width: int, height: int
 ) -> tuple[int, int, int, int]:
-    """Find the part of a picture that may show the box [2, 3]: left, top, right and bottom in
-    pixels, with a border; the whole picture if a corner of the box is behind the camera."""
+    """Find the part of a picture of width × height pixels that may show the box [2, 3].
+
+    Returns left, top, right and bottom in pixels, with a border; the whole picture if a corner of
+    the box is behind the camera.
+    """
     corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3) @ R.T + t
     if (corners[:, 2] <= 0).any():  # a corner is behind the camera
         return (0, 0, width, height)

@@ -1,6 +1,9 @@
-"""The volume of the dense stage, given or found from the board, the cameras' common field of view
-and the sparse points, to save the time for the background; and the plane of a board, which
-separates the target from its background or support."""
+"""The box in which depth maps and surface are computed, and the plane of the board.
+
+A box saves the time for matching the background. It is given, or found from the board, the cameras'
+common field of view and the sparse points. The plane separates the target from the surface that
+carries the board.
+"""
 
 from dataclasses import dataclass
 from itertools import product
@@ -24,9 +27,10 @@ FINEST_M = 1e-3  # least deviation of a board from its plane
 class Plane(NamedTuple):
     """The plane of a board in the mesh's frame.
 
-    origin_m [3]: mean of its corners. axes [3, 3]: unit vectors as rows, two in the plane and its
-    normal on the cameras' side. extent_m [2, 2]: lowest and highest corner along the first two
-    axes. rough_m: distance from the plane up to which a point may belong to the board.
+    origin_m [3]: mean of the board's corners. axes [3, 3]: unit vectors as rows, first two in the
+    plane, then its normal towards the cameras. extent_m [2, 2]: smallest and largest coordinates of
+    the corners along the first two axes. rough_m: distance from the plane up to which a point may
+    belong to the board.
     """
 
     origin_m: np.ndarray
@@ -35,21 +39,24 @@ class Plane(NamedTuple):
     rough_m: float
 
     def local(self, points_m: np.ndarray) -> np.ndarray:
-        """Convert points [n, 3] to coordinates [n, 3] along the board's axes; the last column is
-        the height above the board."""
+        """Convert points [n, 3] of the mesh's frame to coordinates [n, 3] along the board's axes;
+        the last column is the height above the board."""
         return (points_m - self.origin_m) @ self.axes.T
 
     def around(self, box_m: np.ndarray) -> np.ndarray:
-        """Return the smallest axis-parallel box [2, 3] in the mesh's frame that contains a box [2,
-        3] given along the board's axes."""
+        """Compute the smallest axis-parallel box [2, 3] in the mesh's frame that contains box_m [2,
+        3], which is given along the board's axes."""
         corners_m = np.array(list(product(*box_m.T))) @ self.axes + self.origin_m
         return np.stack([corners_m.min(axis=0), corners_m.max(axis=0)])
 
 
 def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | None:
-    """Fit the plane of the board that gave the scale (board: its file; default: board.toml in the
-    photographs' folder). Returns None if no board gave the scale, or if its corners are in several
-    planes."""
+    """Fit the plane of the board that gave the scale.
+
+    photos: folder of the photographs. board: file of the board's description (None: board.toml in
+    that folder). Returns None if the scale is not from a board, or if the board's corners do not
+    lie in one plane.
+    """
     if sparse.scale.source != "board":
         return None
     corners = load_board(board or photos / "board.toml").corners_m()
@@ -60,8 +67,11 @@ def board_plane(photos: Path, board: Path | None, sparse: Sparse) -> Plane | Non
 
 
 def plane_through(corners_m: np.ndarray, centres_m: np.ndarray, residual_m: float) -> Plane | None:
-    """Fit a plane to a board's corners [n, 3], with its normal towards the cameras' centres [m, 3];
-    None if the corners are not in one plane. residual_m: root mean square error of the corners."""
+    """Fit a plane to a board's corners [n, 3], with its normal towards the cameras' centres [m, 3].
+
+    residual_m: root mean square error of the corners. Returns None if the corners do not lie in one
+    plane.
+    """
     origin_m = corners_m.mean(axis=0)
     _, _, axes = np.linalg.svd(corners_m - origin_m, full_matrices=False)
     axes[2] = np.cross(axes[0], axes[1])
@@ -93,8 +103,8 @@ AT_SIDE, CUT = 0.01, 0.002
 class Volume:
     """The box in which depth maps and surface are computed.
 
-    box_m: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: no limits). source: how it
-    was found, in words, as "given" or "the board and cameras".
+    box_m: xmin, ymin, zmin, xmax, ymax, zmax in the mesh's frame (None: no limits). source: how the
+    box was found, in words, such as "given" or "the board and cameras".
     """
 
     box_m: tuple[float, ...] | None
@@ -106,11 +116,13 @@ class Volume:
         return cls(tuple(box_m.ravel().round(6).tolist()), source)
 
     def box(self) -> np.ndarray | None:
-        """Return the lowest and highest corner [2, 3], None for a volume without limits."""
+        """Return the lowest and highest corner [2, 3] of the box; None for a volume without
+        limits."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
     def shifted(self, by_m: np.ndarray) -> "Volume":
-        """Return the volume in a frame in which all positions are by_m [3] larger, metres."""
+        """Return the volume with its box moved by by_m [3], metres, for a frame with another
+        origin."""
         if self.box_m is None or not by_m.any():
             return self
         return Volume.found(np.reshape(self.box_m, (2, 3)) + by_m, self.source)
@@ -123,11 +135,11 @@ class Volume:
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
     """Choose the volume to reconstruct: the given box (xmin, ymin, zmin, xmax, ymax, zmax), or one
-    around the photographed scene.
+    found around the photographed scene.
 
-    With a board's plane, the box is around the sparse points that rise above it near the board;
-    without one, around all sparse points, or without limits if these are few. A box that was found
-    is cut to what enough photographs show.
+    With a board's plane, the found box surrounds the sparse points that rise above the plane near
+    the board. Without a plane, it surrounds all sparse points, or has no limits if there are few
+    points. A found box is cut to the part that enough photographs show.
     """
     if given is not None:
         return Volume(given, "given")
@@ -144,7 +156,7 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
 
 
 def _seen(sparse: Sparse) -> np.ndarray:
-    """Return the sparse points [n, 3] that at least FEWEST_VIEWS photographs see."""
+    """Return the sparse points [n, 3] that at least three photographs (FEWEST_VIEWS) show."""
     seen = [
         point.xyz
         for point in sparse.model.points3D.values()
@@ -154,9 +166,12 @@ def _seen(sparse: Sparse) -> np.ndarray:
 
 
 def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tuple[np.ndarray, str]:
-    """Find the box [2, 3], along a board's axes, around the points [n, 3] that rise above the
-    board, or its whole surroundings if these points are too few. Returns the box and a description
-    of what it was found from. centres_m [m, 3]: the cameras' centres, which limit its height."""
+    """Find the box of the target above a board: around the points [n, 3] that rise above the board
+    or, if these are too few, the board's whole surroundings.
+
+    centres_m [m, 3]: the cameras' centres, which limit the height. Returns the box [2, 3] along the
+    board's axes, and a phrase that says what it was found from.
+    """
     reach_m = max(REACH_M, float(np.linalg.norm(plane.extent_m[1] - plane.extent_m[0])))
     lowest_camera_m = float(plane.local(centres_m)[:, 2].min())
     ceiling_m = (
@@ -178,9 +193,9 @@ def off_plane(plane: Plane, points_m: np.ndarray, centres_m: np.ndarray) -> tupl
 def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> Volume:
     """Narrow a volume that was found automatically to the target, with a margin.
 
-    The target is taken to be the part above the board of the coarse cloud (from depth maps of low
-    resolution) and of the sparse points. The volume is returned unchanged if either has too few
-    such points, or if it has no limits.
+    The target is taken to be all points above the board, both of `cloud` (fused from depth maps of
+    low resolution) and of the sparse points. The volume is returned unchanged if it has no limits,
+    or if cloud or sparse points have too few points above the board.
     """
     box = found.box()
     if box is None:
@@ -205,16 +220,16 @@ def narrow_volume(found: Volume, cloud: Cloud, plane: Plane, sparse: Sparse) -> 
 
 
 def _about(points_m: np.ndarray) -> np.ndarray:
-    """Return a box [2, 3] around points [n, 3] without their extremes, enlarged by a margin for
-    parts of the target without features."""
+    """Compute a box [2, 3] around points [n, 3] without their extremes, with a margin for parts of
+    the target that have no features."""
     low, high = np.quantile(points_m, BETWEEN, axis=0)
     room_m = GROWN * np.linalg.norm(high - low)
     return np.stack([low - room_m, high + room_m])
 
 
 def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarray:
-    """Shrink a box [2, 3] to the part that at least FEWEST_VIEWS photographs show, tested on a
-    coarse lattice of its points; the whole box if there is no such part."""
+    """Shrink a box [2, 3] to the part that at least three photographs (FEWEST_VIEWS) show, tested
+    on a coarse lattice of points. The whole box is returned if there is no such part."""
     steps = (np.arange(CELLS) + 0.5) / CELLS
     cells_m = box_m[0] + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(
         -1, 3
@@ -235,9 +250,11 @@ def in_common_field(box_m: np.ndarray, cameras: tuple[Camera, ...]) -> np.ndarra
 
 
 def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
-    """Print a warning for each side of an automatic volume that the surface seems to cross, since
-    many of the cloud's points lie at it. The board's own points, which always reach the sides, are
-    ignored."""
+    """Print a warning for each side of an automatically found volume that seems to cut the surface,
+    because many points of the cloud lie close to that side.
+
+    plane: of the board, whose own points are ignored, since they always reach the sides.
+    """
     box_m = found.box()
     if box_m is None or found.source == "given":
         return

@@ -1,1 +1,1 @@
-"""The surface: files, reconstruction, uncertainty, depth on the grid of the radar."""
+"""The surface mesh: its files, reconstruction, uncertainty, and depth on the radar's pixel grid."""

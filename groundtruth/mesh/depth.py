@@ -1,4 +1,4 @@
-"""Depth of a surface on the radar's grid: the reference for the radar's depth maps."""
+"""Depth of a surface on the radar's pixel grid: the reference for the radar's depth maps."""
 
 from typing import NamedTuple
 
@@ -18,14 +18,14 @@ STEEPEST = 0.1
 
 
 class Reference(NamedTuple):
-    """Reference depth z_m [ny, nx] of a surface, metres (NaN: no observed surface), and its
-    uncertainty along z.
+    """Reference depth z_m [ny, nx] of a surface on the radar's grid, metres, with its uncertainty
+    along z; NaN where there is no observed surface.
 
-    mesh_sigma_m [ny, nx]: standard deviation of the surface itself, NaN if unknown. registration:
-    the transform that moved the surface here, whose error is common to all pixels; leverage [ny,
-    nx, 6 or 7]: derivative of the depth by each of its parameters; both are None if its covariance
-    is unknown. met [ny, nx]: True where a pixel's ray meets any surface, observed or interpolated
-    (None: unknown).
+    mesh_sigma_m [ny, nx]: standard deviation from the errors of the mesh, NaN if unknown.
+    registration: the transform that moved the surface to the radar frame; its error is common to
+    all pixels. leverage [ny, nx, 6 or 7]: derivatives of the depth with respect to the transform's
+    parameters. Both are None if the transform's covariance is unknown. met [ny, nx]: True where a
+    ray along z meets any surface, observed or interpolated (None: unknown).
     """
 
     z_m: np.ndarray
@@ -36,8 +36,9 @@ class Reference(NamedTuple):
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] of the depth that the registration's uncertainty causes,
-        metres: √(g·C·gᵀ) with the derivatives g and the covariance C; NaN: unknown."""
+        """Standard deviation [ny, nx] of the depth from the uncertainty of the registration,
+        metres; NaN if unknown. It is √(g·C·gᵀ), with the depth's derivatives g (leverage) and the
+        registration's covariance C."""
         if self.leverage is None or self.registration is None:
             return np.full(self.z_m.shape, np.nan)
         variance = np.einsum(
@@ -48,8 +49,8 @@ class Reference(NamedTuple):
 
     @property
     def sigma_m(self) -> np.ndarray:
-        """Standard deviation [ny, nx] of the depth, metres, by the surface and the registration
-        together, which are independent; NaN: unknown."""
+        """Standard deviation [ny, nx] of the depth, metres, from the errors of mesh and
+        registration, which are independent; NaN if either is unknown."""
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
@@ -57,10 +58,10 @@ def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np
     """Compute the orthographic depth z [ny, nx] (metres, float64) of a mesh in the radar frame,
     seen from −z, at the columns x_m [nx] and rows y_m [ny].
 
-    NaN where a ray along +z at (x, y) hits no triangle; triangles parallel to the ray are ignored.
-    Raises HandbenchError for an implausibly large mesh, e.g. one in millimetres. The ray caster
-    works in single precision: rays start just in front of the mesh, and the depth is recomputed in
-    double precision on the triangle that was hit.
+    The depth is NaN where a ray along +z at (x, y) hits no triangle; triangles parallel to the ray
+    are ignored. The ray caster works in single precision: rays start just in front of the mesh, and
+    the depth is recomputed in double precision on the triangle that was hit. Raises HandbenchError
+    for an implausibly large mesh, e.g. one in millimetres.
     """
     vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
     unknown_m, seen = np.full(len(vertices_m), np.nan), np.ones(len(vertices_m), dtype=bool)
@@ -71,13 +72,14 @@ def reference_on_grid(
     surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
 ) -> Reference:
     """Compute the orthographic depth of a surface in the radar frame, seen from −z, at the columns
-    x_m [nx] and rows y_m [ny], with its uncertainty. NaN where a ray first meets interpolated
-    surface, or none.
+    x_m [nx] and rows y_m [ny], with its uncertainty. The depth is NaN where a ray meets no surface,
+    or interpolated surface first.
 
-    registration: the transform that moved the surface to the radar frame, for its covariance. A
-    pixel's depth changes along its ray by n·δ/n_z when the surface, with normal n, moves by δ:
-    σ/|n_z| for an error σ along the normal, and n·J(p)·ξ/n_z for an error ξ of the registration, of
-    first order. Raises HandbenchError for an implausibly large surface.
+    registration: the transform that moved the surface to the radar frame; its covariance enters the
+    uncertainty. When a surface with normal n moves by δ, the depth of a pixel changes by n·δ/n_z.
+    So an error σ along the normal gives σ/|n_z|, and an error ξ of the registration's parameters
+    gives n·J(p)·ξ/n_z to first order, with the Jacobian J at the point p. Raises HandbenchError for
+    an implausibly large surface.
     """
     met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     faces = surface.faces[triangle]
@@ -103,8 +105,11 @@ def reference_on_grid(
 def _cast(
     vertices_m: np.ndarray, faces: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cast a ray along +z at each point of the grid. Returns the mask [ny, nx] of the rays that
-    meet a triangle, and for these [n], in the mask's order, the index of the first triangle met."""
+    """Cast a ray along +z at each point of the grid.
+
+    Returns the mask [ny, nx] of the rays that meet a triangle and, for these rays in the mask's
+    order, the index [n] of the first triangle. Raises HandbenchError for an implausibly large mesh.
+    """
     # A triangle parallel to the rays has no depth: rounding would choose it before its neighbours,
     # at any z.
     normal = _normal(vertices_m[faces])
@@ -132,7 +137,7 @@ def _cast(
 
 
 def _normal(corners: np.ndarray) -> np.ndarray:
-    """Normals [n, 3] of triangles [n, 3, 3], with twice their area as length."""
+    """Compute the normals [n, 3] of triangles [n, 3, 3]; each is twice the triangle's area long."""
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
@@ -141,16 +146,19 @@ def _by(spans_m: np.ndarray) -> str:
 
 
 def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
-    """Make a map [ny, nx, ...] that has `values` [n, ...] where the mask `hit` [ny, nx] is True,
-    and `elsewhere` at all other pixels."""
+    """Make a map [ny, nx, ...] that has `values` [n, ...] at the n pixels where the mask `hit` [ny,
+    nx] is True, and `elsewhere` at all other pixels."""
     grid = np.full((*hit.shape, *values.shape[1:]), elsewhere)
     grid[hit] = values
     return grid
 
 
 def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Compute z [n] at (x, y) [n] on the planes through triangles' corners [n, 3, 3], limited to
-    the range of the corners' z (which matters for steep triangles)."""
+    """Compute the z [n] of planes at (x, y) [n].
+
+    corners [n, 3, 3]: the triangle that spans each plane. z is limited to the range of the
+    triangle's corners, since rounding errors are large on steep triangles.
+    """
     origin, normal = corners[:, 0], _normal(corners)
     z = (
         origin[:, 2]

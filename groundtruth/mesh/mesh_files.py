@@ -1,7 +1,8 @@
-"""Triangle meshes on disk: the only module that reads foreign mesh files.
+"""Reading and writing of triangle meshes. Only this module reads mesh files of other programs.
 
-It uses numpy only. Libraries for more formats trust a file's header (open3d crashes on a wrong one)
-or skip errors silently (trimesh: text with missing numbers, OBJ's relative indices).
+It parses them with numpy, because libraries for more formats trust a file's header (open3d crashes
+on a wrong one) or skip errors silently (trimesh: text with missing numbers, relative indices in OBJ
+files).
 """
 
 import codecs
@@ -25,7 +26,7 @@ SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
     """Make an Open3D mesh from vertices [n, 3] in metres and triangles [m, 3] of vertex indices,
-    counter-clockwise seen from outside."""
+    whose corners run counter-clockwise seen from outside."""
     o3d = load_open3d()
     return o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
@@ -34,7 +35,7 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
 
 
 def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> PointCloud:
-    """Make an Open3D cloud from points [n, 3] in metres and normals [n, 3]."""
+    """Make an Open3D point cloud from points [n, 3] in metres and normals [n, 3]."""
     o3d = load_open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
     cloud.normals = o3d.utility.Vector3dVector(normals)
@@ -42,16 +43,19 @@ def point_cloud(points_m: np.ndarray, normals: np.ndarray) -> PointCloud:
 
 
 def read_mesh(path: str | Path) -> TriangleMesh:
-    """Read a triangle mesh (PLY, OBJ, STL; metres) as an Open3D mesh. Raises HandbenchError for a
-    broken file."""
+    """Read a triangle mesh in metres from a PLY, OBJ or STL file, as an Open3D mesh. Raises
+    HandbenchError for a broken file."""
     vertices_m, faces, _ = read_triangles(path)
     return mesh(vertices_m, faces)
 
 
 def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
-    """Read a mesh file (PLY, OBJ, STL) with coordinates in units of `unit_m` metres, convert it to
-    metres, repair it and orient its triangles consistently. Raises HandbenchError for a mesh
-    without triangles, with invalid numbers, or with an implausible size."""
+    """Read a mesh from a PLY, OBJ or STL file with coordinates in units of `unit_m` metres, and
+    convert it to metres.
+
+    The mesh is repaired and, if possible, its triangles are oriented consistently. Raises
+    HandbenchError for a mesh without triangles, with invalid numbers, or with an implausible size.
+    """
     surface = read_mesh(path)
     surface.scale(unit_m, center=np.zeros(3))
     repair(surface)
@@ -67,8 +71,9 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
 
 
 def repair(mesh: TriangleMesh) -> TriangleMesh:
-    """Repair a mesh in place for ray casting and scoring: remove duplicates, triangles without
-    area, edges of more than two triangles, and unused vertices. Returns the mesh."""
+    """Repair a mesh in place for ray casting and scoring, and return it. Removed are duplicate
+    vertices and triangles, triangles without area, edges of more than two triangles, and unused
+    vertices."""
     for kind in (
         "duplicated_vertices",
         "degenerate_triangles",
@@ -80,11 +85,13 @@ def repair(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Read a triangle mesh (PLY, OBJ, STL; metres): vertices [n, 3] float64, faces [m, 3] int64
-    (polygons are cut), and what else each vertex of a PLY carries, [n] by name.
+    """Read a triangle mesh in metres from a PLY, OBJ or STL file.
 
-    Raises HandbenchError for a file that is cut short, contradicts its header or has no triangles,
-    for NaN, infinite or implausibly far vertices, and for faces with unknown vertices.
+    Returns the vertices [n, 3] float64, the triangles [m, 3] int64 of vertex indices (polygons are
+    cut into triangles), and the vertices' further properties in a PLY file, such as colours, as
+    arrays [n] by name. Raises HandbenchError for a file that is incomplete, contradicts its header
+    or has no triangles, for vertices that are NaN, infinite or implausibly far, and for faces with
+    unknown vertices.
     """
     path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
     readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
@@ -122,8 +129,13 @@ COARSEST = 1e-4  # step of single precision, of a mesh's extent: 0.02 mm of a ha
 
 
 def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> None:
-    """Raise HandbenchError if there are no faces, if a vertex is NaN, infinite or implausibly far,
-    or if a face names a vertex that does not exist."""
+    """Check vertices [n, 3] and polygons, groups [count, corners] of vertex indices, from the file
+    `path`.
+
+    Raises HandbenchError if there are no polygons, if a vertex is NaN, infinite or implausibly far,
+    if coordinates are too coarsely rounded for the mesh's size, or if a polygon uses a vertex that
+    does not exist.
+    """
     if not any(map(len, polygons)):
         raise HandbenchError(
             f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
@@ -160,9 +172,12 @@ OBJ_WORDS = frozenset(
 
 
 def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Read the vertices and faces of a Wavefront OBJ file: the vertices' coordinates [n] by axis,
-    and the faces as arrays [count, corners] of vertex indices, one for each number of corners.
-    Raises ValueError for a line that is not OBJ."""
+    """Read the vertices and faces of a Wavefront OBJ file.
+
+    Returns the vertices' coordinates, arrays [n] by axis "x", "y" and "z", and the faces, one array
+    [count, corners] of vertex indices for each number of corners. Raises ValueError for a line that
+    is not OBJ.
+    """
     vertices: list[tuple[float, ...]] = []
     faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
@@ -189,8 +204,8 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
 
 
 def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of an OBJ file with their numbers, without comments and byte order mark; a
-    line that ends with a backslash is joined with the next."""
+    """Yield the number and text of each line of an OBJ file, without comments and byte order mark.
+    A line that ends with a backslash is joined with the next one."""
     begun = b""
     lines = (line for part in stream for line in part.splitlines())  # also those that end with \\r
     for number, line in enumerate(lines, 1):
@@ -205,9 +220,11 @@ def _obj_lines(stream: Iterable[bytes]) -> Iterator[tuple[int, bytes]]:
 
 
 def _corner(word: bytes, vertices: int) -> int:
-    """Return the index, from 0, of the vertex that a corner in an OBJ file names, such as 7, 7/1/2
-    or -1 (the last vertex so far). vertices: number of vertices so far. Raises ValueError for 0 or
-    an excessive number."""
+    """Return the index, from 0, of the vertex that one corner of a face in an OBJ file refers to.
+
+    word: the corner as written, such as 7, 7/1/2, or -1 for the last vertex read so far. vertices:
+    number of vertices read so far. Raises ValueError for 0 or an excessive number.
+    """
     index = int(word.partition(b"/")[0])
     if index == 0 or abs(index) > MOST:
         raise ValueError
@@ -215,9 +232,12 @@ def _corner(word: bytes, vertices: int) -> int:
 
 
 def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Read an STL file: the vertices' coordinates [n] by axis, and one array [m, 3] of vertex
-    indices; equal corners become one vertex. The file is taken as binary if it is as long as its
-    count says, else as ASCII. Raises ValueError if it is neither."""
+    """Read the triangles of an STL file, with equal corners merged to one vertex.
+
+    The file is read as binary if its length agrees with its count of triangles, else as ASCII.
+    Returns the vertices' coordinates, arrays [n] by axis "x", "y" and "z", and a list of one array
+    [m, 3] of vertex indices. Raises ValueError if the file is neither.
+    """
     content = path.read_bytes()
     count = int.from_bytes(content[80:84], "little")
     if len(content) >= 84 and len(content) == 84 + 50 * count:
@@ -242,8 +262,9 @@ STL_WORDS = frozenset(b"solid facet outer endloop endfacet endsolid".split())
 
 
 def _text_corners(content: bytes) -> np.ndarray:
-    """Read the triangles' corners [3 m, 3] from the content of an ASCII STL file, with keywords in
-    upper or lower case. Raises ValueError for lines that are not STL and for an incomplete file."""
+    """Read the corners of m triangles, [3 m, 3], from the content of an ASCII STL file, whose
+    keywords may be in upper or lower case. Raises ValueError for lines that are not STL, and for an
+    incomplete file."""
     corners, ends, last = [], 0, b""
     for number, line in enumerate(content.splitlines(), 1):
         match [word.lower() for word in line.split()]:
@@ -272,12 +293,13 @@ def _by_axis(points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def write_mesh(path: str | Path, surface: TriangleMesh) -> None:
-    """Write a mesh as binary PLY, atomically."""
+    """Write an Open3D mesh as a binary PLY file, atomically. Raises OSError if the disk is full."""
     _write(path, load_open3d().io.write_triangle_mesh, surface)
 
 
 def write_cloud(path: str | Path, points_m: np.ndarray, normals: np.ndarray) -> None:
-    """Write points [n, 3] in metres with their normals [n, 3] as binary PLY, atomically."""
+    """Write points [n, 3] in metres with their normals [n, 3] as a binary PLY file, atomically.
+    Raises OSError if the disk is full."""
     _write(path, load_open3d().io.write_point_cloud, point_cloud(points_m, normals))
 
 
@@ -294,6 +316,6 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
 
 
 def raycasting_scene(surface: TriangleMesh) -> RaycastingScene:
-    """Make an Embree scene of a mesh, whose `cast_rays` takes rays [..., 6] float32: origin and
-    direction (ox, oy, oz, dx, dy, dz), metres."""
+    """Make an Embree scene of a mesh for ray casting. Its method `cast_rays` takes rays [..., 6]
+    float32, each an origin and a direction (ox, oy, oz, dx, dy, dz) in metres."""
     return embree(np.asarray(surface.vertices), np.asarray(surface.triangles))

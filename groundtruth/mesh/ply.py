@@ -1,5 +1,5 @@
-"""Reader of PLY files, with numpy only: the header is checked against the file before anything is
-read."""
+"""Reader of PLY files that uses numpy only. The header is compared with the file's size before
+memory is taken for the content."""
 
 import codecs
 import re
@@ -33,9 +33,11 @@ CORNERS = ("vertex_indices", "vertex_index")
 
 
 class PlyProperty(NamedTuple):
-    """One column of a table in a PLY file: its name, the type of its values and, if each row has a
-    list of them, the type of the list's length. Types are a byte order and a letter, valid for
-    `struct` and numpy."""
+    """One property of an element in a PLY file, such as the x of its vertices.
+
+    type: of the values. length: type of the number of values, if each row has a list of them, else
+    None. Both types are a byte order and a letter that `struct` and numpy understand, such as "<f".
+    """
 
     name: str
     type: str
@@ -44,15 +46,16 @@ class PlyProperty(NamedTuple):
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One table of a PLY file, such as its vertices: name, number of rows and columns."""
+    """One element of a PLY file, which is a table such as that of its vertices: the name, the
+    number of rows, and the properties (columns)."""
 
     name: str
     count: int
     properties: list[PlyProperty]
 
     def dtype(self, lengths: dict[str, int]) -> np.dtype:
-        """Return numpy's type of one row, if the column of lists with each name has lists of the
-        length in `lengths`."""
+        """Return numpy's type of one row. lengths: number of values in each property that is a
+        list, by the property's name."""
         fields: list[tuple[str, str] | tuple[str, str, tuple[int, ...]]] = []
         for p in self.properties:
             fields += [] if p.length is None else [(f"length of {p.name}", p.length)]
@@ -60,16 +63,16 @@ class PlyElement:
         return np.dtype(fields)
 
     def lists(self) -> list[str]:
-        """The names of the columns of lists."""
+        """Return the names of the properties that have a list of values in each row."""
         return [p.name for p in self.properties if p.length is not None]
 
 
 def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    """Read an ASCII or binary PLY file: the numbers [n] that each vertex carries, by name (x, y, z
-    among them), and the faces as arrays [count, corners] of vertex indices, one for each number of
-    corners.
+    """Read an ASCII or binary PLY file.
 
-    Raises ValueError unless the file holds exactly what its header promises. Whether coordinates
+    Returns the vertices' properties, arrays [n] by name (with x, y and z among them), and the
+    faces, one array [count, corners] of vertex indices for each number of corners. Raises
+    ValueError unless the file has exactly the content that its header declares. Whether coordinates
     and indices make sense is not checked.
     """
     content = path.read_bytes().removeprefix(codecs.BOM_UTF8)
@@ -95,9 +98,12 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
 
 
 def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
-    """Parse the header: byte order, tables, and the offset in bytes at which their rows begin. In
-    an ASCII file all columns are declared as doubles, since its numbers are converted to these.
-    Raises ValueError for a header that is not PLY."""
+    """Parse the header of a PLY file.
+
+    Returns the byte order, the declared elements (tables), and the offset in bytes at which their
+    rows begin. Numbers of an ASCII file are later converted to doubles, so its properties get that
+    type. Raises ValueError for a header that is not PLY.
+    """
     head, found, _ = content[:LONGEST_HEADER].partition(b"\nend_header")
     start = content.find(b"\n", len(head) + 1) + 1
     lines = head.decode("latin-1").split("\n")
@@ -153,8 +159,8 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
 
 
 def _numbers(text: bytes) -> np.ndarray:
-    """Parse the numbers in a text, separated by blanks and line ends: float64 [n]. Raises
-    ValueError if anything else is in it."""
+    """Parse a text of numbers that are separated by blanks or line ends, to float64 [n]. Raises
+    ValueError if the text contains anything else."""
     # older numpy only warns of words
     with warnings.catch_warnings(action="error", category=DeprecationWarning):
         try:
@@ -165,9 +171,12 @@ def _numbers(text: bytes) -> np.ndarray:
 
 
 def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
-    """Read the rows of one table, which begin at `offset`. Returns its columns by name, and the
-    offset at which it ends. Columns of lists of equal length become an array [rows, length], others
-    a list of tuples. Raises ValueError if the file is too short."""
+    """Read the rows of one element (table), which begin at the byte `offset` of `body`.
+
+    Returns the columns by name, and the offset at which the rows end. A property that is a list
+    becomes an array [rows, length] if all lists have the same length, else a list of tuples. Raises
+    ValueError if the file is too short.
+    """
     least = element.dtype(dict.fromkeys(element.lists(), 0)).itemsize
     room = len(body) - offset
     if element.count * least > room:
@@ -201,8 +210,12 @@ def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any]
 def _walk(
     element: PlyElement, body: bytes, offset: int, count: int
 ) -> Iterator[tuple[dict[str, Any], int]]:
-    """Read the first `count` rows of a table one by one: yield each as values by column name, with
-    the offset at which it ends. Raises ValueError if the file is too short."""
+    """Read the first `count` rows of an element (table) one by one, from the byte `offset` of
+    `body`.
+
+    Yields for each row its values by property name, and the offset at which the row ends. Raises
+    ValueError if the file is too short.
+    """
     for _ in range(count):
         row = {}
         try:
@@ -225,8 +238,9 @@ def _walk(
 
 
 def _groups(polygons: np.ndarray | list[tuple[float, ...]]) -> list[np.ndarray]:
-    """Sort polygons by their number of corners: arrays [count, corners] of vertex indices, fewest
-    corners first. Raises ValueError for an index that is no whole number."""
+    """Group polygons by their number of corners. Returns arrays [count, corners] of vertex indices,
+    those with the fewest corners first. Raises ValueError for an index that is not a whole
+    number."""
     if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
         groups = [polygons]
     else:

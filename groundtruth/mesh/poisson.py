@@ -1,7 +1,7 @@
-"""Surface of a cloud of points.
+"""Reconstruction of a surface from a cloud of points.
 
-Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; surface far from all points is cut
-off again. Thresholds are in pixels of the depth maps.
+Poisson reconstruction (Kazhdan & Hoppe, TOG 2013) closes holes; surface far from all points is
+removed afterwards. Thresholds are in pixels of the depth maps.
 """
 
 from dataclasses import replace
@@ -24,9 +24,12 @@ FEWEST_POINTS = 500
 
 
 def clean(cloud: Cloud) -> Cloud:
-    """Clean a cloud: average the points in each voxel of a pixel's size, remove outliers, and
-    estimate normals again from neighbours, on the cameras' side. Raises HandbenchError if the cloud
-    has too few points."""
+    """Return the cloud with one mean point in each voxel (as large as a depth map's pixel), without
+    outliers, and with normals estimated again from neighbouring points.
+
+    The normals keep the side of the old ones, towards the cameras. Raises HandbenchError if the
+    cloud has too few points.
+    """
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
         raise HandbenchError(
@@ -47,8 +50,8 @@ def clean(cloud: Cloud) -> Cloud:
 
 
 def _one_per_voxel(cloud: Cloud) -> Cloud:
-    """Replace the points in each voxel of a pixel's size by their mean, which counts as seen by all
-    views of these points."""
+    """Replace the points in each voxel, which is as large as a depth map's pixel, by their mean.
+    The mean point counts as confirmed by every view that confirmed one of these points."""
     voxel = np.floor(
         (cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)
     ).astype(np.int64)
@@ -70,8 +73,11 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
 
 
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
-    """Reconstruct a cloud's surface by Poisson's method as a mesh, without what is far from all
-    points or outside the box [2, 3], and repaired."""
+    """Reconstruct the surface of a cloud as a triangle mesh, by Poisson's method.
+
+    Surface that is far from all points or outside box_m [2, 3] is removed, and the mesh is
+    repaired.
+    """
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
     points = point_cloud(cloud.points_m, cloud.normals)

@@ -1,4 +1,4 @@
-"""Cut polygons into triangles."""
+"""Division of polygons into triangles."""
 
 from collections.abc import Sequence
 
@@ -9,14 +9,14 @@ SAME_AREA = 1e-6  # share by which the triangles' area may differ from their pol
 
 
 def triangles(points_m: np.ndarray, polygons: Sequence[np.ndarray]) -> np.ndarray:
-    """Cut polygons into triangles [m, 3] of the same orientation.
+    """Cut polygons into triangles [m, 3] with the orientation of their polygons.
 
-    The triangles do not depend on which corner of a polygon comes first. Convex polygons become
-    fans; others are cut by ear clipping in the plane that fits them best.
+    The triangles do not depend on which corner of a polygon comes first. Convex polygons are cut
+    into fans; others are cut by ear clipping in the plane that fits them best.
 
     Args:
-        points_m: [n, 3].
-        polygons: groups of polygons, each [count, corners] of indices of points.
+        points_m: points [n, 3], metres.
+        polygons: for each number of corners, an array [count, corners] of point indices.
 
     Raises:
         ValueError: a polygon has fewer than 3 or more than MOST_CORNERS corners, or crosses itself.
@@ -32,7 +32,7 @@ def triangles(points_m: np.ndarray, polygons: Sequence[np.ndarray]) -> np.ndarra
 
 def _cut(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Cut polygons with equally many corners, [count, corners] of point indices, into triangles [m,
-    3], in the order of the polygons."""
+    3] of point indices, in the order of the polygons."""
     corners = _from_one_corner(points_m, corners)
     fans = np.stack([corners[:, (0, k, k + 1)] for k in range(1, corners.shape[1] - 1)], axis=1)
     convex = _are_convex(points_m[corners])
@@ -47,8 +47,8 @@ def _cut(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _from_one_corner(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Rotate the list of each polygon's corners so that the corner smallest by x, then y, then z
-    comes first."""
+    """Rotate the corners [count, corners] of each polygon so that the first one has the smallest x
+    (if equal, the smallest y, then z)."""
     x, y, z = np.moveaxis(points_m[corners], 2, 0)
     first = np.lexsort((z, y, x), axis=1)[:, :1]
     turned = (first + np.arange(corners.shape[1])) % corners.shape[1]
@@ -56,8 +56,8 @@ def _from_one_corner(points_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _are_convex(at_m: np.ndarray) -> np.ndarray:
-    """Tell for each polygon, corners at_m [count, corners, 3], whether it is convex seen along its
-    normal, or has no area: a mask [count]."""
+    """Return a mask [count] of the polygons that are convex when seen along their normal, or have
+    no area. at_m [count, corners, 3]: the polygons' corners."""
     edges = np.roll(at_m, -1, axis=1) - at_m
     normals = _normals(at_m)
     turns = np.cross(edges, np.roll(edges, -1, axis=1))
@@ -72,15 +72,16 @@ def _are_convex(at_m: np.ndarray) -> np.ndarray:
 
 
 def _normals(at_m: np.ndarray) -> np.ndarray:
-    """Compute each polygon's normal [count, 3], as long as twice its area (Newell's method), from
-    its corners [count, corners, 3]."""
+    """Compute the normals [count, 3] of polygons from their corners [count, corners, 3] by Newell's
+    method. A normal's length is twice the polygon's area."""
     from_middle_m = at_m - at_m.mean(axis=1, keepdims=True)
     return np.cross(from_middle_m, np.roll(from_middle_m, -1, axis=1)).sum(axis=1)
 
 
 def _clipped(at_m: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Cut one polygon into triangles [m, 3] by ear clipping. corners: its point indices; at_m
-    [corners, 3]: their places. Raises ValueError if it crosses itself."""
+    """Cut one polygon into triangles [m, 3] of point indices by ear clipping. corners: the
+    polygon's point indices; at_m [corners, 3]: their positions. Raises ValueError if the polygon
+    crosses itself."""
     from mapbox_earcut import triangulate_float64
 
     normal = _normals(at_m[None])[0]

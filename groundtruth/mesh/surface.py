@@ -1,4 +1,4 @@
-"""Surfaces with the uncertainty of each vertex."""
+"""Triangulated surfaces with the uncertainty of each vertex."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,12 +19,12 @@ PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 
 @dataclass(frozen=True)
 class Surface:
-    """A triangle mesh with the uncertainty of each vertex: vertices_m [n, 3], and faces [m, 3] of
-    vertex indices, counter-clockwise seen from outside.
+    """A triangle mesh with the uncertainty of each vertex.
 
-    sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown). observed [n]:
-    False where the surface is only interpolated between or beyond the points that were seen; it
-    must not be scored there.
+    vertices_m [n, 3]. faces [m, 3]: triangles of vertex indices, counter-clockwise seen from
+    outside. sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown).
+    observed [n]: False where the surface is only interpolated or extrapolated from the photographed
+    points; depths there must not be scored.
     """
 
     vertices_m: np.ndarray
@@ -38,18 +38,19 @@ class Surface:
         return mesh(self.vertices_m, self.faces)
 
     def shifted(self, by_m: np.ndarray) -> "Surface":
-        """Return the surface in a frame in which all positions are by_m [3] larger, metres."""
+        """Return the surface with all vertices moved by by_m [3], metres, for a frame with another
+        origin."""
         return replace(self, vertices_m=self.vertices_m + by_m)
 
     def moved(self, transform: Transform) -> "Surface":
-        """Transform the surface to the transform's target frame, with sigma_m scaled. The
-        transform's own uncertainty is not added."""
+        """Return the surface in the transform's target frame. sigma_m is multiplied by the
+        transform's scale; the transform's own uncertainty is not added."""
         sigma_m = self.sigma_m * abs(transform.scale)
         return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
 
     def save(self, file: str | Path) -> None:
-        """Write the surface as binary PLY, in which each vertex has the properties sigma_m and
-        observed, atomically."""
+        """Write the surface as a binary PLY file, atomically. Each vertex has the further
+        properties sigma_m and observed."""
         vertices = np.empty(len(self.vertices_m), dtype=VERTEX)
         for name, column in zip("xyz", self.vertices_m.T, strict=True):
             vertices[name] = column
@@ -70,9 +71,12 @@ class Surface:
 
 
 def read_surface(file: str | Path) -> "Surface":
-    """Read a surface from a mesh file (PLY, OBJ, STL; metres), with the vertex properties sigma_m
-    and observed of a PLY. Without them, the uncertainty is unknown and every vertex counts as
-    observed. Raises HandbenchError for a broken file."""
+    """Read a surface in metres from a PLY, OBJ or STL file.
+
+    The uncertainty comes from the vertex properties sigma_m and observed of a PLY file. If they are
+    missing, sigma_m is NaN (unknown) and every vertex counts as observed. Raises HandbenchError for
+    a broken file.
+    """
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
     observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0

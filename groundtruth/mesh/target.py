@@ -1,4 +1,4 @@
-"""Selection of the target among all photographed surfaces."""
+"""Selection of the target among all surfaces in the photographs."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -22,11 +22,11 @@ Components = Literal["target", "largest", "all"]
 
 @dataclass(frozen=True)
 class TargetParts:
-    """Which connected parts of a surface were kept.
+    """The connected parts of a surface that were kept and removed.
 
-    kept: description in words; on_board: share of the cloud's points that were removed with the
-    board; parts: share of the whole surface's area of each kept part, largest first; dropped_parts,
-    dropped: number of the other parts and their share of the area.
+    kept: which parts were kept, in words. on_board: share of the cloud's points that were removed
+    with the board. parts: share of the whole surface's area of each kept part, largest first.
+    dropped_parts, dropped: number of the removed parts, and their share of the area.
     """
 
     kept: str
@@ -37,14 +37,14 @@ class TargetParts:
 
 
 def margin_m(plane: Plane, pixel_m: float) -> float:
-    """Return the height above the board's plane, metres, up to which points may belong to the
-    board. pixel_m: size of a pixel of the depth maps on the surface."""
+    """Return the height above the board's plane, metres, up to which a point may belong to the
+    board. pixel_m: size of a depth map's pixel on the surface."""
     return max(plane.rough_m, OFF_PX * pixel_m)
 
 
 def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
-    """Return a cloud without the points of the board and behind it. Raises HandbenchError if too
-    few points are clearly above the board."""
+    """Return the cloud without the points on the board or behind its plane. Raises HandbenchError
+    if too few points are clearly above the board."""
     height_m, least_m = plane.local(cloud.points_m)[:, 2], margin_m(plane, cloud.pixel_m)
     off = height_m > least_m
     if (height_m > RISES * least_m).sum() < FEWEST_POINTS:
@@ -60,11 +60,12 @@ def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
 def keep_target(
     mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
 ) -> TargetParts:
-    """Remove unwanted connected parts from a surface, in place, and describe what was kept.
+    """Remove unwanted connected parts from a surface, in place, and return a description of the
+    rest.
 
-    Removed are tiny parts; all but the largest, if `components` says so; and, with a board's plane,
-    parts that nowhere rise to twice the height least_m above it. Raises HandbenchError if nothing
-    rises so high.
+    Tiny parts are removed, and with components="largest" all parts but the largest. With a board's
+    plane, parts are removed that nowhere rise to twice the height least_m above it. Raises
+    HandbenchError if no part rises so high.
     """
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
     wanted, kept = (

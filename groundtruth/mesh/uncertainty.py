@@ -1,17 +1,25 @@
-"""Standard deviation of a surface: by matching, cameras, extrapolation and matching windows.
+"""Standard deviation of a photographed surface, from four independent causes whose variances add
+up.
 
-Independent parts are added as variances. *Matching*: n views agree on a point, and their depths
-differ by s along the normal. They are not n independent measurements: a depth map is matched
-between images, so that two maps out of n have one of their images in common with a chance that
-makes their errors correlated by ρ = 1/(n − 1); two maps of the same pair are the same measurement.
-Hence the spread shows (1 − ρ) of the variance of one map, and their mean keeps (1 + (n − 1) ρ)/n of
-it: var = 2 (n − 1)/(n (n − 2)) s². s is of local means (`fusion.Cloud.spread_m`): a third of a
-map's variance differs from pixel to pixel, and most of the rest fades over a window, fastest on
-fine strong textures. *Cameras*: `adjust.point_covariance`. *Distance*: where the surface runs on
-beyond the points that were seen, its slope is known to SLOPE only. *Windows*: on curved or slanted
-surfaces they shift all maps by the same SHARED_PX of a pixel, and at the border of the visible
-surface, mostly a silhouette, they include the background: a shift of FATTENED_PX at the border,
-less up to the reach of a window. The spread shows neither; both were measured.
+*Matching*: n views agree on a point, and their depths have a standard deviation s along the normal.
+The n depths are not independent, since each depth map is matched between several images: two of the
+n maps share an image so often that their errors are correlated by ρ = 1/(n − 1) (two maps of the
+same pair of images are one measurement). So the spread s² is (1 − ρ) of one map's variance, and the
+mean of the n maps has (1 + (n − 1) ρ)/n of it: var = 2 (n − 1)/(n (n − 2)) s². s is computed from
+depths averaged over a few pixels (`fusion.Cloud.spread_m`), because a third of a map's variance
+differs from pixel to pixel; most of the rest fades over a matching window, fastest on fine, strong
+textures.
+
+*Cameras*: the covariance of the cameras is propagated to the points (`adjust.point_covariance`).
+
+*Extrapolation*: where the surface continues beyond the photographed points, its slope is known only
+with the standard deviation SLOPE (1/4).
+
+*Windows*: on curved or slanted surfaces, matching windows shift all depth maps alike, by a few
+hundredths of a pixel (SHARED_PX). At the border of the visible surface, mostly a silhouette,
+windows include the background, which shifts the surface by FATTENED_PX (a tenth of a pixel) at the
+border, and by less up to a window's width inside. The spread between the views shows neither shift,
+so both were measured.
 """
 
 import numpy as np
@@ -33,11 +41,12 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 def surface_sigma(
     cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the standard deviation [n] along the normal, metres, of the vertices [n, 3] of a
-    surface made from a cloud, and the mask [n] of vertices near its points (observed).
+    """Compute the standard deviation [n] along the normal, metres, of a surface's vertices [n, 3],
+    and the mask [n] of observed vertices (those near points of the cloud).
 
-    Included are matching, the cameras' uncertainty (known: their covariance; images: the
-    photographs) and the distance from the points, but not the effects of matching windows.
+    cloud: points that the surface was made from. images: the registered photographs; known:
+    covariance of their cameras. Included are errors of matching, of the cameras, and of
+    extrapolation away from the points, but not those of matching windows.
     """
     distance_m, near = KDTree(cloud.points_m).query(
         vertices_m, k=min(NEIGHBOURS, len(cloud.points_m))
@@ -52,9 +61,12 @@ def surface_sigma(
 def window_sigma(
     vertices_m: np.ndarray, faces: np.ndarray, observed: np.ndarray, pixel_m: float
 ) -> np.ndarray:
-    """Compute the standard deviation [n], metres, that matching windows cause at the vertices [n,
-    3] of a surface with triangles `faces` [m, 3]. It is larger near the border of the observed
-    surface (observed [n]: mask). pixel_m: size of a pixel of the depth maps on the surface."""
+    """Compute the standard deviation [n], metres, that the size of matching windows causes at a
+    surface's vertices [n, 3]. It is larger near the border of the observed surface.
+
+    faces [m, 3]: triangles of vertex indices. observed [n]: mask of the observed vertices. pixel_m:
+    size of a depth map's pixel on the surface.
+    """
     seen = faces[observed[faces].all(axis=1)]
     edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
@@ -69,9 +81,9 @@ def window_sigma(
 
 
 def matching_variance(cloud: Cloud) -> np.ndarray:
-    """Compute the variance [n], in m², of a cloud's points along their normals that is due to
-    matching errors. Each point is the mean over the views that agree on it; its variance follows
-    from their spread and number."""
+    """Compute the variance [n] (m²) that matching errors cause in a cloud's points along their
+    normals. Each point is the mean over the views that agree on it; its variance follows from the
+    number of these views and the spread of their depths."""
     n = cloud.views.sum(axis=1)
     by_many = n > 2
     spread_m = cloud.spread_m
@@ -84,8 +96,8 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
 def camera_variance(
     cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance
 ) -> np.ndarray:
-    """Compute the variance [n] of a cloud's points along their normals, m², that the uncertainty of
-    the cameras causes. images: the registered photographs; known: covariance of their cameras."""
+    """Compute the variance [n] (m²) that the uncertainty of the cameras causes in a cloud's points
+    along their normals. images: the registered photographs; known: covariance of their cameras."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
     unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)

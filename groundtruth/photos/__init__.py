@@ -1,1 +1,1 @@
-"""Photographs: files, EXIF, masks, and checks before the work."""
+"""Photographs: files, EXIF data, masks of the target, and checks before a reconstruction starts."""

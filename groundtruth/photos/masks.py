@@ -1,4 +1,4 @@
-"""Masks of the pixels that show the target: from files, or cut out by colour."""
+"""Masks of the pixels that show the target, read from files or segmented by colour."""
 
 from __future__ import annotations
 
@@ -25,8 +25,11 @@ SMALLEST = 0.002  # share of the picture below which nothing was found
 
 @dataclass(frozen=True)
 class Masks:
-    """Where the masks of the target come from. files: mask file of each photograph, by its name;
-    by_colour: segment the target by colour if there are no files."""
+    """Source of the target's masks.
+
+    files: mask file of each photograph, by the photograph's name. by_colour: segment the target by
+    its colours if there are no files.
+    """
 
     files: dict[str, Path] = field(default_factory=dict)
     by_colour: bool = False
@@ -38,11 +41,11 @@ class Masks:
         pose: pycolmap.Rigid3d,
         box_m: np.ndarray | None,
     ) -> np.ndarray | None:
-        """Return the mask [height, width] of a photograph's pixels that show the target; None: all
-        pixels are used.
+        """Return the mask [height, width] of the pixels of a photograph that show the target; None
+        if all pixels are to be used.
 
-        camera, pose: of the photograph, pose from world to camera; box_m [2, 3]: region of interest
-        in the world frame (None: unknown), used for the segmentation by colour.
+        camera, pose: the photograph's; pose maps world to camera. box_m [2, 3]: region of interest
+        in the world frame (None: unknown), which limits the segmentation by colour.
         """
         if self.files:
             return read_mask(self.files[photo.name], photo)
@@ -56,8 +59,11 @@ class Masks:
 
 def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
     """Find the mask file of each photograph in a folder: NAME.jpg.png (as for COLMAP) or NAME.png,
-    nonzero on the target. Returns the files by the photographs' names; each is read once as a
-    check. Raises HandbenchError for a missing or empty mask and for one of another size."""
+    nonzero on the target.
+
+    Returns the files by the photographs' names. Each file is read once as a check. Raises
+    HandbenchError if a mask is missing, zero everywhere, or of another size than its photograph.
+    """
     folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
     pictures = {one_form(file.name): file for file in folder.glob("*.png")}
     masks = {}
@@ -82,10 +88,11 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
 
 
 def read_mask(path: Path, photo: Photo) -> np.ndarray:
-    """Read a photograph's mask [height, width]: True at nonzero pixels.
+    """Read the mask [height, width] of a photograph: True at the file's nonzero pixels.
 
-    If the mask has the size of the upright picture and the photograph is stored turned (EXIF), it
-    is rotated to the pixels as stored. Raises HandbenchError for another size, and if all is zero.
+    A mask with the size of the upright picture is rotated to the photograph's stored pixels, if
+    EXIF data say that the two differ. Raises HandbenchError for another size, and for a mask that
+    is zero everywhere.
     """
     mask = read_gray(path) > 0
     height, width = mask.shape
@@ -103,9 +110,12 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
 
 
 def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
-    """Segment the target by colour: the largest region within `candidates` [height, width] whose
-    colours differ from the surroundings, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004).
-    Returns its mask [height, width]; None if there is none."""
+    """Segment the target in a photograph by colour: the largest region that differs from its
+    surroundings, by GrabCut (Rother, Kolmogorov & Blake, SIGGRAPH 2004).
+
+    candidates [height, width]: True at pixels that may show the target. Returns the region's mask
+    [height, width]; None if no region differs enough.
+    """
     scale = min(1.0, LONGEST_SIDE_PX / max(photo.width, photo.height))
     size = (round(photo.width * scale), round(photo.height * scale))
     picture = cv2.resize(photo.colours(), size, interpolation=cv2.INTER_AREA)
@@ -131,8 +141,8 @@ def cut_out(photo: Photo, candidates: np.ndarray) -> np.ndarray | None:
 def _may_show(
     photo: Photo, camera: pycolmap.Camera, pose: pycolmap.Rigid3d, box_m: np.ndarray | None
 ) -> np.ndarray:
-    """Mark the pixels [height, width] that may show the target: the projection of the box [2, 3],
-    or an ellipse in the picture's middle if there is no box."""
+    """Return the mask [height, width] of the pixels that may show the target: the projection of
+    box_m [2, 3] or, without a box, an ellipse in the picture's middle."""
     candidates = np.zeros((photo.height, photo.width), dtype=np.uint8)
     if box_m is None:
         axes = (round(CENTRE * photo.width / 2), round(CENTRE * photo.height / 2))

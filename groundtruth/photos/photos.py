@@ -1,9 +1,10 @@
 """Photographs on disk: search, EXIF data, and detection of repeated, blurred and untextured ones.
 
-Pixels are used as the sensor stored them, without the EXIF orientation, as in COLMAP: intrinsics
-belong to the sensor, and a rotated camera is only another pose. A mask or camera with swapped sides
-belongs to the upright picture and is rotated; with equal sides it is assumed to belong to the
-stored picture.
+Pixels are used as the sensor stored them, without the rotation in EXIF data, as in COLMAP: then all
+photographs of a sensor share intrinsics, and a rotated camera has only another pose. A mask or
+camera whose width and height are exchanged belongs to the upright picture, and is rotated to the
+stored one. If a photograph's sides are equal, masks and cameras are assumed to belong to the stored
+picture.
 """
 
 import math
@@ -48,7 +49,8 @@ Exif = dict[int, Any]  # tag → value
 
 
 def read_exif(path: Path) -> Exif:
-    """Read the EXIF data of a picture file, tag → value; empty if they are missing or broken."""
+    """Read the EXIF data of a picture file, as a dict from tag number to value; empty if the data
+    are missing or broken."""
     try:
         with open_picture(path) as image:
             exif = image.getexif()
@@ -58,15 +60,16 @@ def read_exif(path: Path) -> Exif:
 
 
 def orientation_of(exif: Exif) -> int:
-    """Return the EXIF orientation, by which a viewer turns the picture: 1 (not at all, and the
-    default) to 8."""
+    """Return the EXIF orientation, a number 1 to 8 that says how to rotate the picture for display.
+    1, the default, means not at all."""
     value = exif.get(ORIENTATION, 1)
     return int(value) if value in range(1, 9) else 1
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Identify the camera, its focal length and the picture's size, as texts that are equal for
-    photographs that share a lens setting; None if EXIF does not name the camera."""
+    """Return texts that identify the camera, its focal length and the picture's size; they are
+    equal for photographs taken with the same lens setting. None if EXIF data do not name the
+    camera."""
     if MODEL not in exif:
         return None
     return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
@@ -75,9 +78,12 @@ def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
 
 
 def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Read the focal length in pixels from EXIF data: from its equivalent on 35 mm film by the
-    ratio of diagonals (as COLMAP does), or from millimetres and pixels per millimetre (which COLMAP
-    ignores). None if EXIF has neither, or an implausible value."""
+    """Compute the focal length in pixels from EXIF data.
+
+    Its equivalent on 35 mm film is converted by the ratio of diagonals (as COLMAP does); if that is
+    missing, the focal length in millimetres by the sensor's pixels per millimetre (which COLMAP
+    ignores). Returns None if EXIF data have neither, or an implausible value.
+    """
     equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
     if equivalent_mm > 0:
         focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)
@@ -91,13 +97,13 @@ def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
 
 
 def is_plausible(focal_px: float, width: int, height: int) -> bool:
-    """True if a focal length in pixels is plausible for a picture of this size."""
+    """Tell whether a focal length in pixels is plausible for a picture of this size."""
     low, high = (share * max(width, height) for share in PLAUSIBLE)
     return low < focal_px < high
 
 
 def _number(exif: Exif, tag: int) -> float:
-    """Return a tag's value as a number; 0 if it is missing or no finite number."""
+    """Return the value of an EXIF tag as a number; 0 if it is missing or not a finite number."""
     try:
         value = float(exif.get(tag, 0))
     except (TypeError, ValueError, ZeroDivisionError):
@@ -107,12 +113,11 @@ def _number(exif: Exif, tag: int) -> float:
 
 @dataclass(frozen=True)
 class Photo:
-    """One photograph: its file, its name in its folder, its size in pixels as stored, and what EXIF
-    data say.
+    """One photograph: its file, name, size in pixels as stored, and EXIF data.
 
-    body: equal for photographs of the same camera at the same focal length (None without such
-    data). orientation: how a viewer turns the picture (EXIF's 1, 3, 6 or 8). focal_px: a first
-    guess of the focal length (None without such data).
+    body: texts that are equal for photographs of the same camera at the same focal length (None:
+    not in EXIF data). orientation: EXIF's code 1, 3, 6 or 8 for the rotation to the upright
+    picture. focal_px: approximate focal length in pixels (None: not in EXIF data).
     """
 
     path: Path
@@ -124,19 +129,22 @@ class Photo:
     focal_px: float | None = None
 
     def gray(self) -> np.ndarray:
-        """Intensities [height, width], float32 in 0 … 1."""
+        """Read the gray values [height, width] of the stored pixels, float32 in 0 … 1."""
         return read_gray(self.path)
 
     def colours(self) -> np.ndarray:
-        """Colours [height, width, 3], uint8, red first."""
+        """Read the colours [height, width, 3] of the stored pixels, uint8 in the order red, green,
+        blue."""
         with open_picture(self.path) as image:
             return _colours(image, self.path)
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
     """Find the photographs in `folder` or, if it has none, in `folder/images`, sorted by name.
-    Every one is decoded once, so that a broken file is reported before any work starts. Raises
-    HandbenchError for fewer than three."""
+
+    Each photograph is decoded once, so that a broken file is reported before any work starts.
+    Raises HandbenchError for a broken file, and if there are fewer than three photographs.
+    """
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
     twice = [name for name, count in Counter(one_form(p.name) for p in paths).items() if count > 1]
@@ -165,23 +173,25 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
 
 
 def read_gray(path: Path) -> np.ndarray:
-    """Read a picture file as intensities [height, width], float32 in 0 … 1. It may be grey,
-    coloured, with a palette or CMYK, of 8 or 16 bits a channel; transparency is ignored, as in
-    COLMAP."""
+    """Read a picture file as gray values [height, width], float32 in 0 … 1.
+
+    The picture may be gray, in colours, with a palette or CMYK, with 8 or 16 bits a channel.
+    Transparency is ignored, as in COLMAP.
+    """
     with open_picture(path) as image:
         return _gray(image, path)
 
 
 def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """Tell whether width × height is the size of the photograph's upright picture, and not that of
-    its pixels as stored."""
+    """Tell whether width × height is the size of the photograph's upright picture and differs from
+    that of its stored pixels."""
     turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
     return turned and (width, height) == (photo.height, photo.width)
 
 
 def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
-    """Rotate the upright picture [width, height, ...] back to the stored pixels [height, width,
-    ...]."""
+    """Rotate an upright picture [width, height, ...] back to the photograph's stored pixels
+    [height, width, ...], where height and width are the stored ones."""
     return np.rot90(upright, QUARTER_TURNS[photo.orientation])
 
 
@@ -215,8 +225,7 @@ def _pictures(folder: Path) -> list[Path]:
 
 
 def _files(folder: Path) -> list[Path]:
-    """List the entries of a folder that are not hidden, sorted; empty if there is no such
-    folder."""
+    """List the visible entries of a folder, sorted by name; empty if the folder does not exist."""
     if not folder.is_dir():
         return []
     return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -246,8 +255,12 @@ def _open(path: Path) -> Photo:
 
 @dataclass(frozen=True)
 class PhotoQuality:
-    """Quality of one photograph: hash of its pixels, sharpness (only comparable between
-    photographs), and number of features, counted in a part of the picture if these suffice."""
+    """Quality of one photograph.
+
+    pixels: hash of the pixels. sharpness: a ratio without unit that is comparable only between
+    photographs of one scene. features: number of SIFT features, counted in the picture's middle
+    only if these suffice.
+    """
 
     pixels: str
     sharpness: float
@@ -255,9 +268,13 @@ class PhotoQuality:
 
 
 def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
-    """Return the photographs without repeated ones and without those that are blurred compared with
-    the others; those left out are reported. Raises HandbenchError if fewer than three are left, or
-    fewer than three have texture."""
+    """Return the photographs without duplicates and without those that are blurred compared with
+    the others.
+
+    Removed photographs are reported. Blurred ones are kept if fewer than three would be left.
+    Raises HandbenchError if fewer than three photographs differ, or if fewer than three show enough
+    texture.
+    """
     looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
@@ -296,11 +313,11 @@ def _without_blurred(
 
 
 def photo_quality(photo: Photo) -> PhotoQuality:
-    """Measure a photograph's quality: hash of its pixels, sharpness and number of features.
+    """Measure the quality of a photograph: hash of its pixels, sharpness and number of features.
 
-    Sharpness is the power of the second derivative over that of the first, in the direction where
-    this ratio is smallest: independent of contrast and plain areas, and sensitive to motion blur
-    along a line.
+    Sharpness is the variance of the second derivative over that of the first, in the direction in
+    which this ratio is smallest. It does not depend on contrast or plain areas, and it detects
+    motion blur along a line.
     """
     import cv2
 
@@ -321,8 +338,8 @@ def photo_quality(photo: Photo) -> PhotoQuality:
 
 
 def _features(gray: np.ndarray) -> int:
-    """Count SIFT features: only those in the middle quarter if they suffice, since the whole
-    picture takes four times as long."""
+    """Count the SIFT features of a picture [height, width], uint8: those in its middle quarter if
+    they suffice, else all. The whole picture takes four times as long."""
     import cv2
 
     h, w = gray.shape

@@ -1,1 +1,2 @@
-"""Poses and points: structure from motion, bundle adjustment, covariance."""
+"""Sparse reconstruction: cameras and points by structure from motion and bundle adjustment, with
+their covariance."""

@@ -1,9 +1,9 @@
 """Bundle adjustment of a model in the board's frame, the joint covariance of the adjusted cameras,
 and the resulting covariance of points in space.
 
-Gauss–Newton steps on the cameras after the points have been eliminated (Schur's complement), damped
-after Levenberg and Marquardt; see `bundle` for what is adjusted and why COLMAP's own adjustment is
-not enough.
+The points are eliminated from the normal equations (Schur's complement), and the cameras are
+improved by Gauss–Newton steps with the damping of Levenberg and Marquardt. The module `bundle` says
+what is adjusted and why COLMAP's own adjustment does not suffice.
 """
 
 from dataclasses import dataclass
@@ -34,12 +34,13 @@ def adjust(
     free: tuple[int, ...] = (),
     scales_px: dict[str, np.ndarray] | None = None,
 ) -> None:
-    """Improve a model's cameras and points by bundle adjustment, in place; afterwards all points
-    are triangulated again.
+    """Improve the cameras and points of a model by bundle adjustment, in place, and then
+    triangulate all points again.
 
-    model: already near the board's frame. corners: the board's corners in each photograph, by its
-    name; corners_m: their places on the board; free: indices of the intrinsics to estimate;
-    scales_px: scales of each photograph's features (as in `Bundle`).
+    model: already close to the board's frame. corners: pixels of the board's corners, by the
+    photograph's name. corners_m: positions of the corners on the board, by marker. free: indices of
+    the intrinsics to estimate among COLMAP's camera parameters. scales_px: scale of each feature,
+    by the photograph's name; features of larger scale get less weight.
     """
     for _ in range(ROUNDS):
         with one_blas_thread():  # sums over threads would not repeat bit for bit
@@ -48,8 +49,8 @@ def adjust(
 
 
 def _descend(bundle: Bundle) -> None:
-    """Minimise the adjustment's cost by damped Gauss–Newton steps; the bundle's model is changed in
-    place."""
+    """Minimise the cost of a bundle adjustment by damped Gauss–Newton steps, in place. It ends when
+    a step lowers the cost by a smaller share than CONVERGED, or after a fixed number of steps."""
     damping, equations = 1e-4, bundle.normal()
     for _ in range(STEPS):
         matrix, right, inverse = equations.reduced(damping)
@@ -74,8 +75,8 @@ def _descend(bundle: Bundle) -> None:
 
 
 def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
-    """Triangulate all of the model's points again with the adjusted cameras, which do not change:
-    also points that the adjustment left out because few photographs see them."""
+    """Triangulate all points of a model again with its adjusted cameras, which do not change. This
+    includes the points that the adjustment left out because few photographs see them."""
     config = pycolmap.BundleAdjustmentConfig()
     for image in registered_images(model):
         config.add_image(image.image_id)
@@ -93,11 +94,11 @@ def _triangulate_again(model: "pycolmap.Reconstruction") -> None:
 
 @dataclass(frozen=True)
 class CameraCovariance:
-    """Joint covariance [d, d] of the parameters of all cameras.
+    """Joint covariance `matrix` [d, d] of the parameters of all cameras.
 
-    places: for each photograph's name, the columns of its parameters in the matrix: six of the pose
-    first, then the estimated intrinsics. free: indices of these intrinsics among the parameters of
-    COLMAP's camera model.
+    places: indices of a camera's parameters in the matrix, by its photograph's name: six of the
+    pose first (translation, rotation), then the estimated intrinsics. free: indices of these
+    intrinsics among the parameters of COLMAP's camera model.
     """
 
     matrix: np.ndarray
@@ -117,7 +118,7 @@ class CameraCovariance:
 
     @classmethod
     def load(cls, file: Path) -> "CameraCovariance":
-        """Read a covariance from the .npz file that `save` wrote."""
+        """Read a covariance from an .npz file that `save` wrote."""
         found = read_npz(file, ("matrix", "names", "places", "free"), most=KEPT_BYTES)
         places = dict(zip(found["names"].tolist(), found["places"], strict=True))
         return cls(found["matrix"], places, tuple(found["free"].astype(int).tolist()))
@@ -126,9 +127,9 @@ class CameraCovariance:
 def camera_covariance(bundle: Bundle, scale: Scale) -> CameraCovariance:
     """Compute the joint covariance of the cameras in a bundle adjustment.
 
-    The frame is fixed by the board's corners if there are any, else by known camera poses, whose
-    standard deviation is scale.residual_m. Without either it is the covariance of least trace
-    (inner constraint).
+    The frame is fixed by the board's corners if there are any, else by known camera poses with the
+    standard deviation scale.residual_m. Without either, nothing fixes the frame, and the result is
+    the covariance with the smallest trace (inner constraint).
     """
     information, _, _ = bundle.normal().reduced(0.0)
     if scale.source == "poses" and scale.residual_m:
@@ -145,8 +146,9 @@ def point_covariance(
     """Compute the covariance [n, 3, 3] (m²) that the uncertainty of the cameras causes in
     triangulated points [n, 3].
 
-    known: covariance of the cameras; seen [n, images]: which photographs see each point. A point
-    follows the rays of the moved cameras by least squares.
+    images: the photographs; known: covariance of their cameras; seen [n, images]: True where a
+    photograph shows a point. A point is assumed to follow the rays of the moved cameras by least
+    squares.
     """
     information = np.zeros((len(points_m), 3, 3))
     moved = np.zeros((len(points_m), 3, len(known.matrix)))

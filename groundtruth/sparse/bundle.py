@@ -1,14 +1,17 @@
-"""Normal equations of a bundle adjustment with the board's corners, each kind of observation with
-its own weight.
+"""Normal equations of a bundle adjustment that includes the board's corners.
 
-Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000; Cauchy's weights for what fits badly.
-Large features are located worse than small ones, in proportion to their scale but for what all have
-in common. The board's corners are points whose places are known, seen some ten times sharper than
-features, which COLMAP's adjustment does not support. They fix frame and scale, and determine focal
-lengths and principal points, which features determine poorly. Features in only two of many
-photographs are left out: false ones (apparent crossings of contours) cannot be detected, and many
-of them bias the cameras. The normal matrix of the cameras, without the points, is the information
-on all of them together.
+Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000, with Cauchy's weights for outliers.
+Features and board corners have separate noise levels, estimated from their residuals. The noise of
+a feature grows with its scale, except for a part that all features have in common.
+
+The board's corners are points with known positions, detected about ten times as precisely as
+features; COLMAP's adjustment does not support such points. They fix frame and scale, and they
+determine focal lengths and principal points, which features determine poorly.
+
+Features that only two of many photographs show are left out: false ones (such as apparent crossings
+of contours) cannot be detected, and many of them bias the cameras. The normal matrix of the
+cameras, after elimination of the points, is the joint information matrix (inverse covariance) of
+all cameras.
 """
 
 from dataclasses import dataclass, field
@@ -39,9 +42,9 @@ GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a fre
 class Observations(NamedTuple):
     """Pixels observed in one photograph.
 
-    pixels [n, 2]; numbers [n]: index of what each shows, in a list of the model's points followed
-    by the board's corners. A pixel's standard deviation is noise_px times its relative spread [n,
-    1].
+    pixels [n, 2]. numbers [n]: index of the point that each pixel shows, in the list of the model's
+    points followed by the board's corners. A pixel's standard deviation is noise_px times its
+    relative value spread [n, 1].
     """
 
     image: "pycolmap.Image"
@@ -51,18 +54,20 @@ class Observations(NamedTuple):
     noise_px: float = 1.0
 
     def off(self, xyz: np.ndarray) -> np.ndarray:
-        """Compute the residuals [n, 2] of the observed pixels, in standard deviations. xyz [p, 3]:
-        positions of all points and, after them, of the board's corners."""
+        """Compute the residuals [n, 2] of the observed pixels (observed minus projected), in units
+        of their standard deviation. xyz [p, 3]: positions of all model points, followed by the
+        board's corners."""
         return (self.pixels - project(self.image, xyz[self.numbers])) / (
             self.noise_px * self.spread
         )
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of d camera parameters and p points, and the cost.
+    """Normal equations of a bundle adjustment with d camera parameters and p points, and its cost.
 
-    cameras [d, d] with right side right [d]; points [p, 3, 3]: each point's own 3 × 3 part, with
-    right sides points_right [p, 3]; coupling [p, d, 3]: the part that couples cameras and points.
+    cameras [d, d] and right [d]: matrix and right side of the cameras. points [p, 3, 3] and
+    points_right [p, 3]: matrix and right side of each point. coupling [p, d, 3]: the blocks between
+    cameras and points.
     """
 
     cameras: np.ndarray
@@ -74,7 +79,7 @@ class NormalEquations(NamedTuple):
 
     @classmethod
     def empty(cls, d: int, p: int) -> "NormalEquations":
-        """Make normal equations of d camera parameters and p points that are zero everywhere."""
+        """Return normal equations of d camera parameters and p points, filled with zeros."""
         return cls(
             np.zeros((d, d)),
             np.zeros(d),
@@ -85,9 +90,12 @@ class NormalEquations(NamedTuple):
         )
 
     def reduced(self, damping: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Eliminate the points (Schur's complement). Returns the normal matrix [d, d] and right
-        side [d] of the cameras alone, and the inverses [p, 3, 3] of the points' own parts, whose
-        diagonals are enlarged by the share `damping`."""
+        """Eliminate the points by Schur's complement.
+
+        damping: share by which the diagonals of the points' matrices are enlarged first. Returns
+        the normal matrix [d, d] and right side [d] of the cameras, and the inverses [p, 3, 3] of
+        the points' matrices.
+        """
         diagonal = np.einsum("pii->pi", self.points)
         inverse = np.linalg.inv(self.points + np.eye(3) * (damping * diagonal + 1e-12)[:, None])
         eliminated = self.coupling @ inverse
@@ -101,15 +109,15 @@ class NormalEquations(NamedTuple):
 
 @dataclass
 class Bundle:
-    """A COLMAP model and its observations, for bundle adjustment.
+    """A COLMAP model with its observations, for bundle adjustment.
 
-    corners: pixels of the board's corners, by photograph; corners_m: their places on the board.
-    free: indices of the intrinsics to estimate, among the parameters of COLMAP's camera OPENCV (fx,
-    fy, cx, cy, k1, k2, p1, p2); cameras of other models must be fixed. scales_px: scales [n] of
-    each photograph's features, where they are known.
+    corners: pixels of the board's corners, by the photograph's name. corners_m: positions of the
+    corners on the board, by marker. free: indices of the intrinsics to estimate among the
+    parameters of COLMAP's lens model OPENCV (fx, fy, cx, cy, k1, k2, p1, p2); for any other lens
+    model it must be empty. scales_px: scales [n] of a photograph's features, by its name, if known.
 
-    place: for each photograph's name, its columns among all unknowns: six of its pose, then those
-    of its camera, which other photographs may share.
+    The attribute `place` has the indices of a photograph's parameters among all unknowns: six of
+    its pose, then the intrinsics of its camera, which other photographs may share.
     """
 
     model: "pycolmap.Reconstruction"
@@ -172,8 +180,8 @@ class Bundle:
         return self._with_noise(seen)
 
     def _with_noise(self, seen: list[Observations]) -> list[Observations]:
-        """Return the observations with a common noise level, estimated from their residuals (median
-        absolute deviation). Observations of points behind the camera are left out."""
+        """Return the observations with one common noise level, estimated from the median absolute
+        deviation of their residuals. Pixels of points behind the camera are left out."""
         xyz = self._xyz()
         off = [s.off(xyz) for s in seen]
         before = [np.isfinite(each).all(axis=1) for each in off]
@@ -188,9 +196,12 @@ class Bundle:
         ]
 
     def _count_unknowns(self) -> None:
-        """Raise the noise levels to make up for fitted unknowns, which reduce residuals: each kind
-        of observation (features, board corners) by its share of them (Förstner, "Ein Verfahren zur
-        Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979)."""
+        """Raise the noise levels of features and board corners, because fitted unknowns make
+        residuals smaller than the noise.
+
+        Each of the two gets the number of unknowns that its observations determine (Förstner, "Ein
+        Verfahren zur Schätzung von Varianz- und Kovarianzkomponenten", AVN 1979).
+        """
         information, _, _ = self.normal().reduced(0.0)
         of_known, xyz = NormalEquations.empty(self.size, 0), self._xyz()
         for seen in self.known:
@@ -207,8 +218,9 @@ class Bundle:
         return np.concatenate([self.points_m, *self.corners_m.values()])
 
     def normal(self, jacobians: bool = True) -> NormalEquations:
-        """Compute the normal equations, and the cost in them, at the model's current state. With
-        jacobians=False only the cost is computed, and the rest is without observations."""
+        """Compute the normal equations and the cost at the model's current state. With
+        jacobians=False, only the cost is complete: the observations are not added to the
+        equations."""
         equations = NormalEquations.empty(self.size, len(self.points))
         cost, xyz = self._add_priors(equations), self._xyz()
         for seen in (*self.features, *self.known):
@@ -240,8 +252,9 @@ class Bundle:
             np.add.at(equations.points_right, at, np.einsum("nia,ni->na", by_point, weight * off))
 
     def _add_priors(self, equations: NormalEquations) -> float:
-        """Add to the normal equations what is known of any lens: principal point near the middle,
-        square pixels, small distortion. Returns the cost of the deviations from it."""
+        """Add the prior knowledge of any lens to the normal equations, in place: principal point
+        near the picture's middle, square pixels, small distortion. Returns the cost of the current
+        deviations from this knowledge."""
         cost = 0.0
         for camera_id, columns in self.intrinsics.items():
             camera = self.model.cameras[camera_id]
@@ -272,7 +285,7 @@ class Bundle:
         return cost
 
     def move(self, step: np.ndarray, points_step: np.ndarray) -> None:
-        """Change the model by a step of the camera parameters [d] and of the points [p, 3]."""
+        """Change the model by steps of the camera parameters [d] and of the points [p, 3]."""
         poses, intrinsics, xyz = self.state()
         for n, (image, pose) in enumerate(zip(self.images, poses, strict=True)):
             poses[n] = _moved(pose, step[self.place[image.name][:POSE]])
@@ -281,8 +294,8 @@ class Bundle:
         self.restore((poses, intrinsics, xyz + points_step))
 
     def state(self) -> "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]":
-        """Return a copy of the current poses, intrinsics and points, from which `restore` sets the
-        model back."""
+        """Return the current poses by image, intrinsics by camera and points, so that `restore` can
+        undo later changes of the model."""
         poses = [image.cam_from_world() for image in self.images]
         intrinsics = {c: np.array(self.model.cameras[c].params) for c in self.intrinsics}
         return poses, intrinsics, self.points_m
@@ -290,7 +303,7 @@ class Bundle:
     def restore(
         self, state: "tuple[list[pycolmap.Rigid3d], dict[int, np.ndarray], np.ndarray]"
     ) -> None:
-        """Set the model's poses, intrinsics and points to those that `state` returned."""
+        """Set the model's poses, intrinsics and points to a state that `state` returned earlier."""
         poses, intrinsics, self.points_m = state
         for image, pose in zip(self.images, poses, strict=True):
             set_pose(image, pose)
@@ -301,8 +314,8 @@ class Bundle:
 
 
 def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
-    """Return the pose after a small motion on the camera's side, step [6] = translation τ and
-    rotation ω: x → x + τ + ω × x."""
+    """Return the pose after a small motion in the camera frame. step [6]: translation τ and
+    rotation ω, which move a point x of the camera frame to x + τ + ω × x."""
     tau, omega = np.split(step, 2)
     turn = Rotation.from_rotvec(omega).as_matrix()
     return pycolmap.Rigid3d(
@@ -311,8 +324,8 @@ def _moved(pose: "pycolmap.Rigid3d", step: np.ndarray) -> "pycolmap.Rigid3d":
 
 
 def pseudo_inverse(information: np.ndarray) -> np.ndarray:
-    """Invert an information matrix [d, d] (inverse covariance), scaled to a unit diagonal first.
-    Directions that it does not determine get the variance 0."""
+    """Compute the covariance [d, d] from an information matrix [d, d] (inverse covariance), scaled
+    to a unit diagonal first. Directions that the matrix does not determine get the variance 0."""
     unit = 1 / np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     kept = values > GAUGE * values[-1]
@@ -321,8 +334,8 @@ def pseudo_inverse(information: np.ndarray) -> np.ndarray:
 
 
 def _with_redundancy(seen: list[Observations], unknowns: float) -> list[Observations]:
-    """Raise the noise level of observations to make up for `unknowns` fitted parameters, which made
-    their residuals smaller."""
+    """Return the observations with a higher noise level, because `unknowns` parameters fitted to
+    them make their residuals smaller than the noise."""
     count = 2 * sum(len(s.pixels) for s in seen)
     share = max(1 - unknowns / count, LEAST_SHARE) if count else 1.0
     return [s._replace(noise_px=s.noise_px / share**0.5) for s in seen]

@@ -1,5 +1,5 @@
-"""The metric frame of a reconstruction: from an ArUco board, known camera poses, or measured
-distances."""
+"""The metric frame of a reconstruction, from a board of markers, known camera poses, or measured
+distances between cameras."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -29,11 +29,11 @@ CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those i
 
 @dataclass(frozen=True)
 class Scale:
-    """Where the metric scale comes from, and how well it fits.
+    """Source of the metric scale, and quality of its fit.
 
-    features: number of marker corners, camera centres or distances that were compared; used: those
-    left after outliers were removed. residual_m: root mean square residual of the used ones after
-    the fit (None: not known).
+    features: number of board corners, camera centres or distances that were compared. used: how
+    many of them remained after outliers were removed. residual_m: root mean square residual of
+    these after the fit (None: unknown).
     """
 
     source: Literal["board", "distances", "poses", "model", "none"]
@@ -43,9 +43,12 @@ class Scale:
 
 
 def origin_near(centres_m: np.ndarray) -> np.ndarray:
-    """Choose the origin [3], in whole metres, of a frame in which single precision suffices: zero
-    for cameras with centres [n, 3] less than NEAR_M away, else near these. Raises HandbenchError
-    for cameras so far away that double precision does not suffice either."""
+    """Choose an origin [3], in whole metres, from which single precision resolves micrometres.
+
+    centres_m [n, 3]: the cameras' centres. Returns zero if they are less than 10 m (NEAR_M) away
+    from the frame's origin, else a point near them. Raises HandbenchError for cameras so far away
+    that double precision does not suffice either.
+    """
     if len(centres_m) == 0:
         return np.zeros(3)
     middle_m = np.median(centres_m, axis=0)
@@ -60,8 +63,8 @@ def origin_near(centres_m: np.ndarray) -> np.ndarray:
 
 
 def shift(model: "pycolmap.Reconstruction", by_m: np.ndarray) -> None:
-    """Shift a model's points and cameras by a vector [3], in place; a vector of zeros changes no
-    bit."""
+    """Shift the points and cameras of a model by a vector by_m [3], in place. Zeros leave the model
+    bit-identical."""
     if by_m.any():
         apply(model, np.block([[np.eye(3), by_m[:, None]], [np.zeros(3), 1.0]]))
 
@@ -69,11 +72,11 @@ def shift(model: "pycolmap.Reconstruction", by_m: np.ndarray) -> None:
 def board_from_model(
     model: "pycolmap.Reconstruction", seen: dict[str, Corners], board: Board
 ) -> tuple[np.ndarray, Scale]:
-    """Fit the similarity [4, 4] from the reconstruction's frame to the board's, by the board's
-    corners triangulated in the reconstruction.
+    """Fit the similarity transform from the reconstruction's frame to the board's frame.
 
-    seen: the corners' pixels, by photograph. Returns the matrix and the quality of the fit. Raises
-    HandbenchError for too few corners or a bad fit.
+    The board's corners are triangulated in the reconstruction and compared with their known
+    positions. seen: pixels of the corners, by the photograph's name. Returns the transform's matrix
+    [4, 4] and the quality of the fit. Raises HandbenchError for too few corners or a bad fit.
     """
     observed: dict[tuple[int, int], list[tuple[np.ndarray, pycolmap.Image]]] = {}
     for image in registered_images(model):
@@ -93,9 +96,12 @@ def board_from_model(
 def poses_from_model(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, Scale]:
-    """Fit the similarity [4, 4] from the reconstruction's frame to that of the known camera poses,
-    by the cameras' centres. Returns the matrix and the quality of the fit. Raises HandbenchError
-    for too few known poses or a bad fit."""
+    """Fit the similarity transform from the reconstruction's frame to the frame of known camera
+    poses, by the cameras' projection centres.
+
+    Returns the transform's matrix [4, 4] and the quality of the fit. Raises HandbenchError for too
+    few known poses or a bad fit.
+    """
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
     pairs = [
         (image.projection_center(), known[image.name])
@@ -117,9 +123,9 @@ def distances_from_model(
     """Fit the scale of the reconstruction to measured distances between projection centres, by
     least squares.
 
-    Returns a matrix [4, 4] that only scales, and the quality of the fit, whose residual is that of
-    the distances (None for a single one). Raises HandbenchError if a photograph is not registered,
-    if two centres coincide, or if a distance deviates from the fit by more than 2 %.
+    Returns a matrix [4, 4] that only scales, and the quality of the fit; its residual_m is None for
+    a single distance. Raises HandbenchError if a photograph is not registered, if two centres
+    coincide, or if a distance deviates from the fit by more than 2 %.
     """
     centre = {image.name: image.projection_center() for image in registered_images(model)}
     given = option("--distance", "distances")
@@ -157,13 +163,15 @@ def distances_from_model(
 def trimmed_similarity(
     source: np.ndarray, target_m: np.ndarray, what: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a similarity (4×4) from points [n, 3] to points [n, 3] in metres, without outliers. what:
-    name of the points in messages.
+    """Fit a similarity transform (4×4) from points source [n, 3] to target_m [n, 3] (metres),
+    without outliers.
 
-    Outliers are found by a fit to all points, or, if three points propose one that fits a majority
-    much better (Rousseeuw 1984), by the fit to that majority. Returns the matrix, the mask of used
-    points [n] and all residuals [n], metres. Raises HandbenchError for fewer than three points,
-    points on a line, a mirror image, and a bad fit (`check_fit`).
+    Outliers are found by repeated fits that start with all points. If a similarity through three
+    points fits a majority of the points much better (Rousseeuw 1984), the fits start with that
+    majority. what: name of the points, for messages. Returns the matrix, the mask [n] of the points
+    used, and the residuals [n] of all points, metres. Raises HandbenchError for fewer than three
+    points, for points on a line, if a mirror image would explain the outliers, and if the residuals
+    are too large.
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
@@ -187,8 +195,12 @@ def trimmed_similarity(
 def _agreeing(
     source: np.ndarray, target_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a similarity without outliers: the matrix, the mask [n] of used points and all residuals
-    [n]. The result is not checked."""
+    """Fit a similarity transform from source [n, 3] to target_m [n, 3] without outliers, starting
+    with all points or, if that fits much better, with a majority.
+
+    Returns the matrix, the mask [n] of the points used, and the residuals [n] of all points,
+    metres. The quality of the fit is not checked.
+    """
     found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
     if len(source) < FEWEST_FOR_MAJORITY:
         return found
@@ -199,8 +211,12 @@ def _agreeing(
 def _trimmed(
     source: np.ndarray, target_m: np.ndarray, kept: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Fit a similarity and remove outliers repeatedly, starting from the points in the mask `kept`
-    [n]: the matrix, the mask [n] of used points and all residuals [n]."""
+    """Fit a similarity transform from source [n, 3] to target_m [n, 3] and remove outliers,
+    repeatedly.
+
+    kept [n]: mask of the points in the first fit. Returns the matrix, the mask [n] of the points
+    used, and the residuals [n] of all points, metres.
+    """
     floor_m = 1e-9 * np.ptp(target_m, axis=0).max()
     for _ in range(20):
         matrix = umeyama(source[kept], target_m[kept], with_scale=True)
@@ -213,9 +229,11 @@ def _trimmed(
 
 
 def _nearest_majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Find the majority of points that agree best: a mask [n]. Each triple of points proposes a
-    similarity; chosen is the one under which the nearest 60 % of all points have the least sum of
-    squared residuals."""
+    """Return a mask [n] of the majority of points that agree best with a similarity transform.
+
+    Each triple of points proposes a transform. The best one is that with the smallest sum of
+    squared residuals over the 60 % of points that fit it best; these points are the majority.
+    """
     needed, best, least = ceil(MAJORITY * len(source)), np.arange(len(source)), np.inf
     for triple in triples(len(source)):
         if not (_collinear(source[triple]) or _collinear(target_m[triple])):
@@ -233,8 +251,8 @@ def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -
 
 
 def check_fit(residual_m: float, extent_m: float, what: str) -> None:
-    """Raise HandbenchError if the residual of a fit exceeds 3 % of the extent of the points that
-    were fitted. what: name of these points in the message."""
+    """Raise HandbenchError if the residual of a fit exceeds 3 % of the extent of the fitted points.
+    what: name of the points, for the message."""
     if residual_m > LARGEST_MISFIT * extent_m:
         raise HandbenchError(
             f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, "
@@ -247,7 +265,8 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
 
 
 def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
-    """Transform a reconstruction by a similarity `matrix` [4, 4], in place."""
+    """Transform the points and cameras of a reconstruction by a similarity matrix [4, 4], in
+    place."""
     scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
     model.transform(
         pycolmap.Sim3d(scale, pycolmap.Rotation3d(matrix[:3, :3] / scale), matrix[:3, 3])
@@ -255,9 +274,11 @@ def apply(model: "pycolmap.Reconstruction", matrix: np.ndarray) -> None:
 
 
 def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarray | None:
-    """Triangulate a point [3] from the pixels where photographs see it: a list of (pixel,
-    photograph). Photographs that disagree are left out; None if the point cannot be
-    triangulated."""
+    """Triangulate a point from the pixels at which photographs show it.
+
+    observed: pairs of pixel [2] and photograph; those that disagree with the others are left out.
+    Returns the point [3], or None if it cannot be triangulated.
+    """
     options = pycolmap.EstimateTriangulationOptions()
     options.residual_type = pycolmap.TriangulationResidualType.REPROJECTION_ERROR
     options.ransac.max_error = CORNER_ERROR_PX

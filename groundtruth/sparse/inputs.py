@@ -1,4 +1,4 @@
-"""Collection and checks of a reconstruction's inputs, before the work starts."""
+"""Collection and checks of everything that a reconstruction needs, before its work starts."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,12 +30,12 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 
 @dataclass(frozen=True)
 class SparseInputs:
-    """What the sparse stage (registration of the photographs) starts from.
+    """Inputs of the sparse stage, which registers the photographs.
 
-    cameras: known camera of each photograph (None: unknown), in a frame whose origin is at origin_m
-    [3] in that of their file: near the cameras (`frame.origin_near`). board: its description (None:
-    no board); corners: the board's corners in each photograph, by its name. model: folder of a
-    COLMAP model of the photographs (None: the photographs are registered here).
+    cameras: known camera of each photograph (None: unknown). origin_m [3]: the cameras' positions
+    have been reduced by this vector, so that they are near the origin. board: the board's
+    description (None: no board). corners: pixels of the board's corners, by the photograph's name.
+    model: folder of a COLMAP model of the photographs (None: structure from motion makes one).
     """
 
     photos: tuple[Photo, ...]
@@ -47,7 +47,7 @@ class SparseInputs:
 
     @property
     def posed(self) -> bool:
-        """True if every photograph's pose is known and there is no model."""
+        """True if the pose of every photograph is known and no COLMAP model is given."""
         return (
             self.model is None
             and self.cameras is not None
@@ -55,9 +55,12 @@ class SparseInputs:
         )
 
     def focal_lengths_px(self) -> dict[str, float]:
-        """Estimate the focal length of each photograph, by its name, from its view of the board;
-        where it shows too little of the board, the median of the others. Empty without a board or
-        an estimate."""
+        """Estimate the focal length of each photograph in pixels from its view of the board.
+
+        A photograph that shows too little of the board gets the median of the others. Returns the
+        focal lengths by the photograph's name; empty if there is no board, or if no photograph
+        gives an estimate.
+        """
         if self.board is None:
             return {}
         found = {
@@ -73,9 +76,12 @@ class SparseInputs:
 
 
 def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]:
-    """Find all photographs in a folder, and complete the options: by cameras.json and board.toml
-    found in the folder, and by the device for depth maps, cpu or cuda. Returns both. Raises
-    HandbenchError for options or masks that cannot be used."""
+    """Find all photographs in a folder, and complete the options.
+
+    Missing options are set to the cameras.json and board.toml in the folder, and to the device for
+    depth maps, cpu or cuda. Returns the photographs and the completed options. Raises
+    HandbenchError for options or masks that cannot be used.
+    """
     options.box()
     devices = 0 if options.dense == "cpu" else cuda_devices()
     if options.dense == "cuda" and not devices:
@@ -95,8 +101,11 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
 
 def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen]:
     """Find all photographs in a folder, and complete the options by the cameras.json and board.toml
-    there, unless others are given. Returns both. Raises HandbenchError for contradictory
-    options."""
+    in the folder, if they are missing.
+
+    Returns the photographs and the completed options. Raises HandbenchError for options that
+    contradict each other.
+    """
     photos = find_photos(folder)
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
@@ -114,8 +123,8 @@ def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen
 
 
 def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
-    """List the hashes of everything that the cameras' poses depend on: the photographs, and the
-    files or folders of cameras, board and model (None: not given). options: completed by
+    """Return the hashes of everything that the cameras' poses depend on: of the photographs, and of
+    the files or folders of cameras, board and COLMAP model (None: not given). options: completed by
     `resolve`."""
     given = (options.cameras, options.board, options.model)
     hashes = [None if path is None or not path.exists() else content_hash(path) for path in given]
@@ -123,10 +132,12 @@ def content(photos: tuple[Photo, ...], options: SparseOptions) -> list[Any]:
 
 
 def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
-    """Collect and check everything for the sparse stage in a folder of photographs: usable
-    photographs, known cameras, and the board's corners. Returns these inputs and the completed
-    options. Raises HandbenchError if nothing gives the scale, or if inputs contradict each
-    other."""
+    """Collect and check the inputs of the sparse stage from a folder of photographs: the usable
+    photographs, known cameras, and the board's corners.
+
+    Returns the inputs and the completed options. Raises HandbenchError if nothing gives the scale,
+    or if inputs contradict each other.
+    """
     photos, options = _completed(folder, options)
     photos = select_usable(photos)
     cameras = (
@@ -170,14 +181,17 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
     """Raise HandbenchError if two options that exclude each other are both given. first, second:
-    their names; advice: end of the message."""
+    names of the options; advice: end of the message."""
     if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
         raise HandbenchError(f"{first} and {second}: both are given; {advice}")
 
 
 def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> None:
-    """Raise HandbenchError if options contradict each other or need one that is missing, or if one
-    camera's intrinsics are given for photographs of different sizes."""
+    """Check the options against each other and the photographs.
+
+    Raises HandbenchError if options contradict each other, if an option needs another one that is
+    missing, or if one camera's intrinsics are given for photographs of different sizes.
+    """
     _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
     _require_one(options, "model", "intrinsics", "the model has its own")
     _require_one(options, "board", "distances", "give the one you trust more")

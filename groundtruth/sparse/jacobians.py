@@ -1,4 +1,4 @@
-"""Derivatives of a photograph's pixels by its points and its camera."""
+"""Derivatives of pixels in a photograph with respect to points and cameras."""
 
 import numpy as np
 
@@ -10,8 +10,8 @@ STEP = 1e-6  # of differences, relative
 
 
 def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
-    """Project points [n, 3] of the model's frame to a photograph's pixels [n, 2] (COLMAP's
-    convention: the first pixel's centre is at 0.5, 0.5)."""
+    """Project points [n, 3] of the model's frame to pixels [n, 2] of a photograph, in COLMAP's
+    convention: the first pixel's centre is at (0.5, 0.5)."""
     return _pixels(camera_in(image), _in_camera(image, points_m))
 
 
@@ -20,9 +20,10 @@ def pixel_jacobians(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the derivatives of the pixels at which a photograph shows points [n, 3].
 
-    Returns those by the point [n, 2, 3], and those by the camera [n, 2, 6 + k]: six of its pose,
-    then k intrinsics, whose indices among COLMAP's parameters are `free`. Central differences of
-    COLMAP's projection.
+    free: indices of k intrinsics among COLMAP's parameters. Returns the derivatives with respect to
+    the point [n, 2, 3], and those with respect to the camera [n, 2, 6 + k]: translation and
+    rotation of the pose, then the k intrinsics. Derivatives of the projection are central
+    differences.
     """
     camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
@@ -52,7 +53,7 @@ def _pixels(camera: "pycolmap.Camera", x: np.ndarray) -> np.ndarray:
 
 
 def _moved(camera: "pycolmap.Camera", k: int, step: float) -> "pycolmap.Camera":
-    """Return a copy of the camera with parameter number k increased by step."""
+    """Return a copy of the camera whose intrinsic parameter number k is increased by step."""
     other = type(camera)(camera.todict())
     params = np.array(camera.params)
     params[k] += step

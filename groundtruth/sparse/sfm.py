@@ -1,8 +1,9 @@
-"""Photographs to a model with pycolmap: features, matches and structure from motion in an arbitrary
-frame and scale; with known cameras and poses, triangulation of the matches that agree with them.
+"""Registration of photographs with pycolmap: features, matches and structure from motion, in an
+arbitrary frame and scale. If cameras and poses are known, the matches that agree with them are
+triangulated instead.
 
-Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. CPU only; the same seed gives the
-same poses.
+Schönberger & Frahm, "Structure-from-Motion Revisited", CVPR 2016. It runs on the CPU only; the same
+seed gives the same poses.
 """
 
 from collections import defaultdict
@@ -38,13 +39,15 @@ LEAST_AGREEING = 0.5
 
 @dataclass(frozen=True)
 class Lenses:
-    """What is known of the lenses before registration.
+    """Knowledge of the lenses before registration.
 
-    cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of one camera
-    that took all photographs, held fixed; without distortion, unless free_distortion. focal_px:
-    focal length of each photograph, by its name, used where nothing else is known. shared: one lens
-    for all photographs of a size (True), one for each photograph (False), or one for all
-    photographs of one camera body, or of a size where EXIF data do not tell (None).
+    cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of the one
+    camera that took all photographs, held fixed, without distortion unless free_distortion is True.
+    focal_px: focal length of each photograph by its name, used if nothing else is known.
+
+    shared: how many unknown lenses there are: one for all photographs of a size (True), one for
+    each photograph (False), or one for each camera, told apart by EXIF data or, without them,
+    picture size (None).
     """
 
     cameras: tuple[Camera, ...] | None = None
@@ -55,13 +58,13 @@ class Lenses:
 
     @property
     def known(self) -> bool:
-        """True if all intrinsics are known."""
+        """True if all intrinsics, distortion included, are known."""
         return self.cameras is not None or (
             self.intrinsics is not None and not self.free_distortion
         )
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
-        """Group the names of the photographs by the camera that they share."""
+        """Group the names of the photographs by the lens that they share."""
         if self.cameras is not None or (self.shared is False and self.intrinsics is None):
             return [[photo.name] for photo in photos]
         by_body = self.shared is None and self.intrinsics is None
@@ -71,8 +74,8 @@ class Lenses:
         return list(groups.values())
 
     def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
-        """Return the known camera of a photograph with this name and size; None if its intrinsics
-        must be estimated."""
+        """Return the pycolmap camera with the known intrinsics of a photograph of this name and
+        size; None if the intrinsics must be estimated."""
         if self.cameras is not None:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
         if self.intrinsics is None:
@@ -86,8 +89,8 @@ class Lenses:
 def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
     """Return a folder in which COLMAP finds the photographs under their names.
 
-    This is their own folder, or, where a file has another name or is HEIC (which COLMAP does not
-    read), a new one inside `folder`, with links and converted copies.
+    This is the photographs' own folder if possible. If a file has another name, or is HEIC (which
+    COLMAP does not read), it is a new folder inside `folder`, with links and converted copies.
     """
     heic = [photo for photo in photos if photo.path.suffix.lower() in HEIC]
     if not heic and all(photo.path.name == photo.name for photo in photos):
@@ -105,7 +108,8 @@ def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
 
 def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
     """Detect features in all photographs, and write them and the known cameras into a new COLMAP
-    database at the path `database`."""
+    database at the path `database`. lenses: what is known of the cameras; seed: of COLMAP's random
+    numbers."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
     say(f"features of {len(photos)} photographs")
@@ -136,8 +140,8 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
 
 
 def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Set the cameras in the database: to the known ones, else with the median of the focal lengths
-    known or guessed for their photographs."""
+    """Set the cameras in a COLMAP database to the known ones or, if unknown, set their focal length
+    to the median of the approximate focal lengths of their photographs."""
     guess_px = lenses.focal_px or {
         photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
     }
@@ -159,8 +163,9 @@ def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) ->
 
 
 def match(database: Path, seed: int) -> None:
-    """Match the features of every pair of photographs, and write the matches that are geometrically
-    consistent (one epipolar geometry or homography explains them) into the database."""
+    """Match the features of every pair of photographs, and write the matches that one epipolar
+    geometry or homography explains into the COLMAP database. seed: of the random samples of that
+    check."""
     say("matching every pair")
     # with more, the index of descriptors does not repeat
     matching = pycolmap.FeatureMatchingOptions(num_threads=1)
@@ -172,8 +177,8 @@ def match(database: Path, seed: int) -> None:
 
 
 def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
-    """Return COLMAP's options for registration and triangulation whose results depend on the seed
-    only."""
+    """Return COLMAP's options for registration and triangulation, set so that results depend on
+    nothing but the seed."""
     options = pycolmap.IncrementalPipelineOptions(random_seed=seed, extract_colors=False)
     options.num_threads = 1  # sums over threads would not repeat bit for bit
     options.mapper.random_seed = options.triangulation.random_seed = seed
@@ -182,8 +187,8 @@ def pipeline_options(seed: int) -> "pycolmap.IncrementalPipelineOptions":
 
 
 def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> float:
-    """Drop the matches in the database that contradict the known poses of a model. Returns the
-    share of matches that remain."""
+    """Remove the matches that contradict the known poses of the model `posed` from a COLMAP
+    database. Returns the share of matches that remain."""
     with pycolmap.Database.open(database) as stored:
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
@@ -192,8 +197,9 @@ def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> f
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Read the scales of all features: for each photograph's name, an array [n] of the standard
-    deviation, in pixels, of the blur at which each was found."""
+    """Read the scales of all features from a COLMAP database: for each photograph's name an array
+    [n] of scales, which are the standard deviations in pixels of the blur at which the features
+    were found."""
     with pycolmap.Database.open(database) as stored:
         keypoints = {
             image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
@@ -208,12 +214,12 @@ def scales_px(database: Path) -> dict[str, np.ndarray]:
 def structure_from_motion(
     photos: tuple[Photo, ...], folder: Path, lenses: Lenses, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """Find the cameras' poses and points from photographs alone: a model in an arbitrary frame and
-    scale. `folder` (empty) receives COLMAP's database.
+    """Find the cameras' poses and points from photographs, as a COLMAP model in an arbitrary frame
+    and scale. `folder` (empty) receives COLMAP's database.
 
-    Known lenses are fixed, and so is a known focal length, since planar scenes do not determine it.
-    Otherwise everything but the principal point is estimated, starting from EXIF focal lengths.
-    Raises HandbenchError if fewer than three photographs register.
+    Known lenses are held fixed, and so is a known focal length, since planar scenes do not
+    determine it. Otherwise all intrinsics but the principal point are estimated, starting from EXIF
+    focal lengths. Raises HandbenchError if fewer than three photographs can be registered.
     """
     database = folder / DATABASE
     find_features(photos, database, lenses, seed)
@@ -249,11 +255,12 @@ def structure_from_motion(
 def triangulate_known_poses(
     photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
 ) -> "pycolmap.Reconstruction":
-    """Triangulate points from photographs with known cameras (all with R, t), which do not change:
-    a COLMAP model. `folder` (empty) receives COLMAP's database.
+    """Triangulate points from photographs whose cameras and poses are known and do not change.
+    Returns a COLMAP model; `folder` (empty) receives COLMAP's database.
 
-    Photographs with very few points are left out. Raises HandbenchError if the features contradict
-    the poses, or if fewer than three photographs are left.
+    cameras: those of the photographs, by name. Photographs that show very few of the points are
+    left out. Raises HandbenchError if the features contradict the poses, or if fewer than three
+    photographs are left.
     """
     pictures, database = named_pictures(photos, folder), folder / DATABASE
     given = {camera.name: camera for camera in cameras}
@@ -306,8 +313,9 @@ def _pose(camera: Camera) -> "pycolmap.Rigid3d":
 def camera_changes(
     model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compare a model's cameras with given ones of the same names: distances [n] between their
-    centres, in the model's unit, and angles [n] between their rotations, radians."""
+    """Compare the cameras of a model with given cameras of the same names. Returns the distances
+    [n] between their centres, in the model's unit, and the angles [n] between their rotations,
+    radians."""
     given = {camera.name: camera for camera in cameras}
     pairs = [
         (image, given[image.name]) for image in registered_images(model) if image.name in given
@@ -322,7 +330,8 @@ def camera_changes(
 
 
 def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
-    """Describe in one line how far a model's cameras moved and turned from the given ones."""
+    """Describe in one line how far the cameras of a refined model have moved and turned from the
+    given ones."""
     moved, turned_rad = camera_changes(model, cameras)
     turned_deg = np.degrees(turned_rad)
     return (

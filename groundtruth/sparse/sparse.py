@@ -1,5 +1,5 @@
-"""The sparse stage: registered cameras and points in the metric frame, with the cameras'
-covariance."""
+"""The sparse stage: registered cameras and points in the metric frame, with the covariance of the
+cameras."""
 
 from __future__ import annotations
 
@@ -46,11 +46,12 @@ DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
 
 @dataclass(frozen=True)
 class Sparse:
-    """Result of the sparse stage: a COLMAP model in the mesh's frame, where its metric scale comes
-    from, and the joint covariance of its cameras (`known`).
+    """Result of the sparse stage.
 
-    origin_m [3]: where the model's origin is in the mesh's frame. It is zero unless the cameras are
-    far from there (coordinates of a survey), where libraries of single precision lose the surface.
+    model: COLMAP model with the registered cameras and the points. scale: where its metric scale
+    comes from. known: joint covariance of its cameras. origin_m [3]: position of the model's origin
+    in the mesh's frame. It is zero unless the cameras are far from the mesh's origin (coordinates
+    of a survey), where libraries of single precision would not resolve the surface.
     """
 
     model: pycolmap.Reconstruction
@@ -59,7 +60,7 @@ class Sparse:
     origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def save(self, folder: Path) -> None:
-        """Write model, scale and covariance into a folder."""
+        """Write model, scale, origin and covariance into a folder."""
         write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
         write_json(folder / ORIGIN, self.origin_m.tolist())
@@ -67,24 +68,25 @@ class Sparse:
 
     @classmethod
     def load(cls, folder: Path) -> Sparse:
-        """Read the result from the folder into which `save` wrote it."""
+        """Read a result from a folder into which `save` wrote it."""
         model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
         origin_m = np.array(read_json(folder / ORIGIN, "a sparse stage's origin"))
         return cls(model, scale, CameraCovariance.load(folder / COVARIANCE), origin_m)
 
     def cameras(self) -> tuple[Camera, ...]:
-        """Return the cameras of the registered photographs, sorted by name."""
+        """Return the cameras of the registered photographs, with lens and pose, sorted by name."""
         return cameras_in(self.model)
 
 
 def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
-    """Find the cameras of the photographs, or load their model, and bring them into the metric
-    frame, with their covariance.
+    """Find the cameras of the photographs, or load their COLMAP model, and transform cameras and
+    points to the metric frame.
 
-    Cameras and points are improved by bundle adjustment, in which a board's corners take part;
-    given poses are kept, unless options.refine_poses. Raises HandbenchError if the cameras hardly
-    moved, or nothing gives a consistent scale.
+    A bundle adjustment, which includes the board's corners, improves cameras and points; given
+    poses stay unchanged unless options.refine_poses is set. Returns the model with the covariance
+    of its cameras. Raises HandbenchError if the cameras hardly moved between photographs, or if
+    nothing gives a consistent scale.
     """
     origin_m = inputs.origin_m
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
@@ -122,8 +124,8 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
 def warn_of_unregistered(
     photos: tuple[Photo, ...], model: pycolmap.Reconstruction
 ) -> tuple[str, ...]:
-    """Print a warning with the names of the photographs that are not part of a reconstruction, if
-    any, and return these names."""
+    """Return the names of the photographs that are not registered in a model, and print them as a
+    warning if there are any."""
     known = {image.name for image in registered_images(model)}
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
@@ -135,8 +137,8 @@ def warn_of_unregistered(
 
 
 def check_geometry(model: pycolmap.Reconstruction) -> None:
-    """Raise HandbenchError if the cameras hardly moved compared with the distance of the scene:
-    such photographs register but contain no depth."""
+    """Raise HandbenchError if the cameras hardly moved compared with their distance to the scene.
+    Such photographs can be registered but contain no depth."""
     images = [image for image in registered_images(model) if image.num_points3D]
     centres = np.array([image.projection_center() for image in images])
     reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
@@ -160,8 +162,8 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
 
 
 def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    """Load the COLMAP model named in the inputs. If it has no points, they are triangulated with
-    its cameras, which do not change."""
+    """Load the COLMAP model that the inputs name. If it has no points, they are triangulated with
+    its cameras, which do not change. scratch: empty folder for COLMAP's database."""
     assert inputs.model is not None
     model = load_model(inputs.model, inputs.photos)
     if model.num_points3D():
@@ -184,9 +186,9 @@ def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycol
 def _free(
     model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
 ) -> tuple[int, ...]:
-    """Return the indices of the intrinsics to estimate, among the parameters of COLMAP's camera
-    OPENCV; empty if they are known. Cameras of the model with COLMAP's lens model RADIAL become
-    OPENCV ones."""
+    """Return the indices of the intrinsics to estimate among the parameters of COLMAP's lens model
+    OPENCV; empty if all intrinsics are known. The model's cameras of the lens model RADIAL are
+    converted to OPENCV, in place."""
     if inputs.cameras is not None or inputs.model is not None:
         return ()
     if options.intrinsics is not None and not options.refine_distortion:
@@ -208,9 +210,11 @@ def _to_metric_frame(
     options: SparseOptions,
     origin_m: np.ndarray,
 ) -> tuple[Scale, np.ndarray]:
-    """Bring a model into the metric frame, in place. origin_m [3]: where the model's origin is in
-    the frame that it was given in. Returns the source of the scale, and where the model's origin is
-    in the metric frame, [3]."""
+    """Transform a model to the metric frame, in place.
+
+    origin_m [3]: position of the model's origin in the frame that its poses were given in. Returns
+    the source of the scale, and the position [3] of the model's origin in the metric frame.
+    """
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
         origin_m = np.zeros(3)

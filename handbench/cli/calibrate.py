@@ -1,24 +1,35 @@
-"""`handbench calibrate`: the transform from the photographs' frame to the radar's."""
+"""`handbench calibrate`: compute the transform from the photographs' frame to the radar's frame."""
 
 import argparse
 
 import numpy as np
 
+from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
+from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.evaluation.refine import refine_files
 from handbench.bench.run import photogrammetry
-from handbench.calibration.array.array_file import save_array
+from handbench.calibration.array.array_file import save_array, with_calibration
+from handbench.calibration.echoes.corrections import Corrections
+from handbench.calibration.echoes.estimate import self_calibrate
+from handbench.calibration.echoes.sentences import sentences
 from handbench.calibration.registration.register import HAND_M, motion
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.cli.options import free
 from handbench.support.errors import HandbenchError
+from handbench.support.files import write_json
 from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Find the transform from the photographs' frame to the radar's and write it (-o): from
-    captures of the calibration target or, with --refine, by aligning a mesh to a depth map. --array
-    also estimates and writes the antennas' gains, phases and places."""
+    """Compute the transform from the photographs' frame to the radar's frame and write it (-o),
+    from captures of the calibration target or, with --refine, by aligning a mesh to a depth map.
+    --array also estimates the antennas' gains, phases and positions and writes them to a file."""
+    if options.from_echoes:
+        _from_echoes(options)
+        return
+    if options.out is None:
+        raise HandbenchError("-o: is missing; name the file for the transform: -o TRANSFORM.json")
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)
@@ -40,6 +51,29 @@ def run(options: argparse.Namespace) -> None:
                 names=(options.since.name, options.out.name),
             ).sentence
         )
+
+
+def _from_echoes(options: argparse.Namespace) -> None:
+    """Estimate what a capture declares as unknown from its echoes, and write corrections.json into
+    its folder."""
+    others = (options.out, options.array, options.refine, options.mesh, options.transform)
+    if len(options.capture) != 1 or any(others):
+        raise HandbenchError(
+            "--from-echoes: takes one CAPTURE and no other file; leave -o, --array, --refine, "
+            "--mesh and --transform out"
+        )
+    capture = open_capture(options.capture[0])
+    file = capture.folder / CORRECTIONS
+    free(file, options.overwrite)
+    echoes, _ = with_calibration(capture.echoes(1, calibrated=False), capture.folder / ARRAY)
+    found = self_calibrate(echoes, capture.about.unknown)
+    for sentence in sentences(found):
+        say(f"{capture.about.name}: {sentence}")
+    if found.corrections == Corrections():
+        say(f"{file}: is not written, since nothing is determined")
+        return
+    write_json(file, found.corrections.model_dump())
+    say(f"{file}: written; all commands apply it to the capture, whose echoes stay as they are")
 
 
 def _from_targets(options: argparse.Namespace) -> Transform:

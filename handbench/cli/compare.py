@@ -1,4 +1,4 @@
-"""`handbench compare`: the differences between two results."""
+"""`handbench compare`: the differences between the figures of two results."""
 
 import argparse
 
@@ -7,7 +7,7 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Compare two result folders and print the differences; with -o also write them into a
+    """Compare two result folders and print the differences; with -o, also write them into a
     folder."""
     from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared

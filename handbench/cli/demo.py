@@ -1,5 +1,5 @@
-"""`handbench demo`: a simulated hand, the paper's four methods on it, their errors, and one
-picture."""
+"""`handbench demo`: simulate a hand, image it with the paper's four methods, and show their errors
+and one picture."""
 
 import argparse
 from concurrent.futures import ThreadPoolExecutor
@@ -18,8 +18,9 @@ TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 def run(options: argparse.Namespace) -> None:
     """Simulate a hand, image it with the paper's four methods, score the depth maps against the
-    true surface and draw them, all in one folder. Prints errors and seconds per frame. An earlier
-    demo of this version is continued."""
+    true surface and draw them, all in one folder (-o).
+    Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
+    capture is used again."""
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
@@ -84,8 +85,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _claim(folder: Path, scene: str) -> None:
-    """Write the scene file into a new or empty folder. A folder with the same scene file, of an
-    earlier demo, is continued; any other is a HandbenchError."""
+    """Write the scene file into a new or empty folder, or accept a folder that an earlier demo of
+    the same version has made. Raises HandbenchError for any other folder."""
     marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
     mark = folder / SCENE
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
@@ -97,8 +98,8 @@ def _claim(folder: Path, scene: str) -> None:
 
 
 def _simulate(scene: Path, capture: Path) -> None:
-    """Simulate the scene and write its capture, unless this exists. The compiled loops that imaging
-    needs are prepared at the same time."""
+    """Simulate the scene and write its capture, unless the capture exists. The numba kernels that
+    imaging needs are compiled at the same time."""
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
     from handbench.radar.warmup import compile_kernels

@@ -1,4 +1,5 @@
-"""`handbench doctor`: what this machine has, and the consequence of each missing part."""
+"""`handbench doctor`: check what this machine has, and what does not work without the parts that
+are missing."""
 
 import argparse
 import importlib
@@ -12,8 +13,9 @@ WANTED_DISK_GB, WANTED_MEMORY_GB = 5, 8
 
 
 def run(options: argparse.Namespace) -> None:
-    """Check this machine's hardware and libraries. Prints one line for each check: what was found,
-    and "ok" or what does not work without it."""
+    """Check this machine's hardware and libraries.
+    Prints one line for each check: what was found, and "ok" or the consequence of what is
+    missing."""
     for what, verdict in (*_hardware(), *_libraries()):
         print(f"{what:<58} {verdict}")
 

@@ -1,4 +1,4 @@
-"""`handbench evaluate`: the errors of a depth map against a mesh."""
+"""`handbench evaluate`: compute the errors of a depth map against a mesh."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Compare a depth map with a mesh and print the metrics on stdout, as a table on a terminal and
-    else as JSON. Warnings come first, on stderr."""
+    """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal,
+    otherwise as JSON.
+    Warnings are printed first, on stderr."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.floor import floor_interval
@@ -61,9 +62,10 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
-    """Print the metrics as a table. values: metric → figure; floor: interval of the error that the
-    ground truth itself has, if its uncertainty is known; caption: a note below. No other metric has
-    an interval, since intervals are over captures and this is one."""
+    """Print the metrics as a table.
+    values: metric → figure; floor: interval of the mean absolute error that a perfect radar would
+    show, None if unknown; caption: a note below the table. The other metrics have no intervals,
+    because an interval needs several captures."""
     from rich.box import SIMPLE
     from rich.table import Table
 

@@ -1,4 +1,5 @@
-"""`handbench groundtruth`: photographs, or a foreign mesh, as a metric mesh."""
+"""`handbench groundtruth`: make a mesh in metres from photographs, or from a mesh of another
+program."""
 
 import argparse
 import json
@@ -12,8 +13,9 @@ MILLIMETRE_M = 1e-3
 
 
 def run(options: argparse.Namespace) -> None:
-    """Reconstruct a mesh in metres from photographs, or convert a mesh file with --unit to metres,
-    and write it (-o). Prints a summary as JSON."""
+    """Reconstruct a mesh in metres from photographs, or convert a mesh file in the unit --unit to
+    metres, and write it (-o).
+    Prints a summary as JSON."""
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
         _take_over(options)
@@ -58,8 +60,8 @@ def _take_over(options: argparse.Namespace) -> None:
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of the command line as values for `groundtruth.options.Options`, by its
-    names."""
+    """Convert the options of the command line to values for `groundtruth.options.Options`: field →
+    value."""
     from handbench.groundtruth.options import Options
 
     return {

@@ -1,4 +1,5 @@
-"""`handbench import`: foreign data as a capture folder, or a foreign hand as a scene."""
+"""`handbench import`: convert data of other programs and sensors to a capture folder, or a hand of
+MakeHuman to a scene."""
 
 import argparse
 from typing import Any
@@ -9,8 +10,8 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Convert foreign data to a capture folder, or a hand of MakeHuman to a scene, and write it
-    (-o)."""
+    """Convert a data set in another format to a capture folder, or a hand of MakeHuman to a scene,
+    and write it (-o)."""
     from handbench.bench.datasets.dataset import IMPORTED, import_capture
     from handbench.bench.datasets.foam_panel import import_planar_scan
     from handbench.bench.datasets.ti_raw import import_ti_raw

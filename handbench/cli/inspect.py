@@ -1,4 +1,4 @@
-"""`handbench inspect`: problems and warnings of any file that handbench reads, with remedies."""
+"""`handbench inspect`: find problems in files and captures, and say how to mend them."""
 
 import argparse
 
@@ -6,8 +6,8 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Check files and captures before a run, and print problems and warnings. The exit code is 2 if
-    a run would fail, 0 if there are only warnings."""
+    """Check files and captures before a run, and print problems and warnings, each with a remedy.
+    The exit code is 2 if a run would fail, and 0 if there are only warnings."""
     from handbench.bench.validation.inspection import show
 
     if (options.mesh or options.transform) and [path.suffix for path in options.paths] != [".npz"]:

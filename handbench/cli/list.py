@@ -1,5 +1,5 @@
-"""`handbench list`: methods with their defaults and sources, metrics, benchmarks, effects, data
-sets, poses."""
+"""`handbench list`: print methods with their defaults and sources, metrics, benchmarks, effects,
+data sets and poses."""
 
 import argparse
 import json
@@ -20,8 +20,9 @@ SECTIONS = {  # as commands.toml names them → title
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print all methods, metrics, benchmarks, effects, data sets and poses, or one section of
-    these; with a filter only the entries with this text in their name or the line about them."""
+    """Print all methods, metrics, benchmarks, effects, data sets and poses, or one of these
+    sections.
+    With a filter, only entries are printed whose name or first line contains this text."""
     wanted = (options.filter or "").casefold()
     printed = False
     for section in [options.section] if options.section else SECTIONS:
@@ -36,8 +37,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _entries(section: str) -> Iterator[list[str]]:
-    """Yield the entries of a section of `handbench list`, each as the lines to print. section: a
-    key of SECTIONS."""
+    """Yield the entries of one section of `handbench list`, each as a list of the lines to print.
+    section: a key of SECTIONS."""
     from handbench.bench.datasets.dataset import KNOWN
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.run.benchmark_file import embedded_benchmarks

@@ -1,5 +1,5 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line: handbench COMMAND. Heavy libraries are imported only after a command is
+"""The command line: handbench COMMAND. Large libraries are imported only after a command is
 chosen."""
 
 import argparse
@@ -37,9 +37,9 @@ GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command of the command line and return the exit code. A known error prints one line
-    on stderr and gives 2; an unknown one keeps its traceback. arguments: by default those of this
-    process."""
+    """Run one command of the command line, and return the exit code.
+    A known error prints one line on stderr and gives 2; an unknown one keeps its traceback.
+    arguments: the words after "handbench"; None: those with which this process was started."""
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -97,7 +97,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _drain() -> None:
-    """Discard output that stdout cannot take, so that Python does not write it again at exit."""
+    """Discard the output that stdout could not write, so that Python does not try to write it again
+    at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -105,8 +106,8 @@ def _drain() -> None:
 
 
 def _require_addresses() -> None:
-    """Raise a HandbenchError if `ulimit -v` leaves too little for the libraries and their
-    threads."""
+    """Raise a HandbenchError if the limit of the address space (`ulimit -v`) is too low for the
+    libraries and their threads."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
@@ -116,8 +117,8 @@ def _require_addresses() -> None:
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """Return a context in which the command images on the device that its options name (CPU or
-    GPU); it has no effect for a command that does not image."""
+    """Return a context manager that makes the command image on the device in its options (CPU or
+    GPU). It has no effect for a command without this option."""
     if "device" not in options:
         return nullcontext()
     from handbench.radar.imaging.device import use_device
@@ -126,8 +127,8 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line, with all commands and options that commands.toml
-    declares."""
+    """Return the parser of the command line, with the commands and options declared in
+    commands.toml."""
     purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
     top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")

@@ -1,4 +1,4 @@
-"""Helpers of the commands: options as commands.toml declares them, and checks that nothing is
+"""Helpers of the commands: options declared in commands.toml, and checks that no file is
 overwritten by mistake."""
 
 import argparse
@@ -16,21 +16,23 @@ COMMANDS = Path(__file__).with_name("commands.toml")
 
 
 def positive(text: str) -> int:
-    """Argument type: a whole number from 1 on."""
+    """Convert an option's text to a whole number from 1 on. Raises argparse's error for any other
+    text."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
     return int(text)
 
 
 def _ending(ends: Sequence[str], text: str) -> Path:
-    """Argument type: a path with one of the suffixes `ends`; argparse's error for another."""
+    """Convert an option's text to a path that has one of the suffixes `ends`. Raises argparse's
+    error for another suffix."""
     if Path(text).suffix.lower() not in ends:
         raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
     return Path(text)
 
 
 def method_ids(**_: object) -> list[str]:
-    """Return the ids of all methods, which a shell offers to complete --method."""
+    """Return the ids of all methods, so that a shell can complete the option --method."""
     from handbench.radar.methods.registry import methods
 
     return [method.id for method in methods()]
@@ -41,16 +43,16 @@ TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
 
 @cache
 def declared_commands(file: Path) -> dict[str, dict[str, Any]]:
-    """Return what a file like commands.toml declares: name of a command → its help and its
-    options."""
+    """Read a file that declares commands, such as commands.toml: name of a command → its help and
+    its options."""
     return tomllib.loads(file.read_text("utf-8"))
 
 
 def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
-    """Add options to a command's parser. options: names, separated by commas → arguments of
-    argparse's `add_argument`, and besides: type, a name in TYPES; group, the heading in the help;
-    either, a word shared by options of which only one may be given; ends, the allowed suffixes of a
-    path."""
+    """Add declared options to the parser of a command.
+    options: names, separated by commas → keywords. These are the keywords of argparse's
+    `add_argument`, and besides: type, a name in TYPES; group, the heading in the help; either, a
+    word shared by options of which only one may be given; ends, the allowed suffixes of a path."""
     groups: dict[str, argparse._ActionsContainer] = {}
     for names, keywords in options.items():
         facts: dict[str, Any] = {
@@ -71,8 +73,9 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
 
 
 def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
-    """Return the `count` numbers, separated by commas, in an option's text; None without a text.
-    Raises HandbenchError, which names the option, for anything else."""
+    """Return the `count` numbers that an option's text lists, separated by commas; None if `text`
+    is None.
+    option: name of the option, for messages. Raises HandbenchError for any other text."""
     if text is None:
         return None
     try:
@@ -85,8 +88,9 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
 
 
 def set_values(values: dict[str, Any], settings: Sequence[str], example: str) -> None:
-    """Set values by the texts KEY=VALUE of --set; a key with dots is one of a table. Raises
-    HandbenchError, which names an example, for another text."""
+    """Set values by the texts KEY=VALUE of the option --set, in the dictionary `values`.
+    A dot in a key leads into a table. example: a correct KEY=VALUE, for messages. Raises
+    HandbenchError for any other text."""
     for setting in settings:
         key, separator, text = setting.partition("=")
         *parents, leaf = key.split(".")
@@ -111,9 +115,10 @@ def free(path: Path, overwrite: bool) -> None:
 
 
 def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
-    """Raise a HandbenchError if a folder exists and may not be overwritten, which only a folder may
-    be that the same command has written. written: the names, as patterns, of the files that it
-    writes; the first one into every folder. Any other file is the user's, and stays."""
+    """Check that a command may write into a folder: it is new, or may be overwritten and has only
+    files that this command wrote before. Raises HandbenchError otherwise.
+    written: patterns of the names of the files that the command writes; the first one is in every
+    folder that it wrote."""
     free(path, overwrite)
     if not path.exists():
         return

@@ -27,9 +27,10 @@ FINER = 10.0  # times, when a certificate does not keep the tolerance
 
 
 def run(options: argparse.Namespace) -> None:
-    """Image one frame of a capture with one method and write the depth map (-o) and, where asked
-    for, the volume. Prints warnings, the number of pixels with a depth, and the bound of the
-    images' error."""
+    """Image one frame of a capture by one method; write the depth map (-o) and, with --volume, the
+    image volume.
+    Prints warnings, the number of pixels with a depth, and the upper bound of the images' relative
+    error."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
     if options.volume == options.out:
@@ -73,10 +74,11 @@ def run(options: argparse.Namespace) -> None:
 def _imaged(
     task: ImagingTask, options: argparse.Namespace
 ) -> tuple[Reconstruction, ImagingTask, Certificate]:
-    """Image the capture. Returns the method's result, the task with the settings used last, and the
-    certificate, which bounds the images' relative error. If the bound is above the tolerance asked
-    for, the capture is imaged again with a tenth of it, at last with the exact sum; with
-    --relative-to samples it never is."""
+    """Image the capture, and repeat this with higher accuracy until the images keep the tolerance.
+    Returns the method's result, the task with the settings used last, and the certificate, an upper
+    bound of the images' relative error. While this bound is above the tolerance that the user set,
+    the capture is imaged again with a tenth of the tolerance, and at last with the exact sum. With
+    --relative-to samples it is imaged only once."""
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -103,9 +105,10 @@ def _check(
     most: float,
     options: argparse.Namespace,
 ) -> None:
-    """Compare a volume [nz, ny, nx] at random voxels with the exact sum over all samples and print
-    the relative error. Raises HandbenchError if this is larger than `most`. settings: the method's,
-    with tones and grid."""
+    """Compare a volume [nz, ny, nx] with the exact sum over all samples at random voxels, and print
+    the relative error.
+    settings: configuration of the method, with tones and grid; most: the largest allowed error.
+    Raises HandbenchError if the error is larger."""
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(
         volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check
@@ -122,9 +125,9 @@ def _check(
 
 
 def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
-    """Return the method's settings `values` with those from the command line in their place: --set
-    KEY=VALUE, --tolerance and --exact. A method that always images exactly has no tolerance to
-    set."""
+    """Replace settings of the method by those of the command line: --set KEY=VALUE, --tolerance and
+    --exact. Returns the changed dictionary `values`.
+    The last two have no effect on a method without a tolerance, which always images exactly."""
     set_values(values, options.settings, "z.step_m=0.002")
     if "tolerance" in values and (options.exact or options.tolerance is not None):
         values["tolerance"] = options.tolerance

@@ -1,4 +1,4 @@
-"""`handbench report`: reports of results."""
+"""`handbench report`: write the report of one or several results."""
 
 import argparse
 
@@ -6,8 +6,9 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the report of one result folder or, of several, a ranking of their methods and the
-    report of each. Prints the path of its first page."""
+    """Write the report of one result folder, or for several folders a ranking of their methods and
+    the report of each.
+    Prints the path of the first page."""
     from handbench.bench.results import load
     from handbench.bench.results.ranking import rank_methods
     from handbench.reports.page import html, leaderboard

@@ -1,11 +1,11 @@
-"""`handbench run`: image all captures of a benchmark with all its methods and score the depth
+"""`handbench run`: image all captures of a benchmark with all its methods, and score the depth
 maps."""
 
 import argparse
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run a benchmark, or resume or repeat it, and print the table of its main figures at the
+    """Run a benchmark, or resume an interrupted run, and print the table of the main figures at the
     end."""
     from handbench.bench.run import runner
     from handbench.bench.run.benchmark_file import load_benchmark

@@ -1,4 +1,4 @@
-"""`handbench show`: a picture of any file or folder that handbench reads or writes."""
+"""`handbench show`: draw any file or folder that handbench reads or writes."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ TURNS = {
 
 
 def run(options: argparse.Namespace) -> None:
-    """Draw the file or folder that the options name: a picture, a printable drawing of a board or
-    target, or with --3d a page on which the surface can be turned. Prints the path of a picture or
-    page."""
+    """Draw the file or folder that the options name.
+    The result is a picture, a printable drawing of a board or calibration target, or with --3d a
+    page on which the surface can be turned. Prints the path of a picture or page."""
     path: Path = options.path
     if path.suffix == ".toml" or not path.exists():
         _drawing(options)
@@ -77,8 +77,8 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _drawing(options: argparse.Namespace) -> None:
-    """Write a board or a calibration target as a drawing at true scale (.pdf, .svg) or, where -o
-    ends in .toml, as its description."""
+    """Write a board or a calibration target as a drawing at true scale (.pdf, .svg) or, if -o ends
+    in .toml, as its description."""
     from handbench.calibration.spheres.description import Target, save_target
     from handbench.groundtruth.board.board import save_board
     from handbench.reports.drawings.board_drawing import board_sheets
@@ -111,9 +111,9 @@ def _drawing(options: argparse.Namespace) -> None:
 
 
 def _described(path: Path) -> tuple[Target | Board, str]:
-    """Return the calibration target or board that a path names, and the drawing's title. The path
-    is "target" or "stand" for those built in, else a .toml, whose title has the first digits of its
-    SHA-256."""
+    """Return the calibration target or board that a path names, and a title for its drawing.
+    path: "target" or "stand" for those built in; otherwise a .toml file, whose title contains the
+    first digits of its SHA-256."""
     from handbench.bench.scenes.stand import stand_board
     from handbench.calibration.spheres.description import Target, default_target
     from handbench.groundtruth.board.board import Board
@@ -156,8 +156,9 @@ def _folder(path: Path) -> Figure:
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    """Return the arrays of a .npz file of handbench by name: a depth map, errors, a reference's
-    depths or a volume. Raises HandbenchError if their shapes do not fit x_m [nx] and y_m [ny]."""
+    """Read the arrays of one of handbench's .npz files by name: a depth map, an error map, the
+    depths of a reference, or a volume. Raises HandbenchError if their shapes do not fit x_m [nx]
+    and y_m [ny]."""
     found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
     shape = found["y_m"].size, found["x_m"].size
     shapes: dict[str, tuple[int, ...]] = {
@@ -238,10 +239,11 @@ def _mesh(path: Path) -> Figure:
 
 
 def _seen_from(mesh: Surface) -> tuple[str, str, np.ndarray]:
-    """Return a mesh's frame, the sensor in it, and the signs of x, y and z with which these point
-    left, up and away from that sensor. A mesh with sigma_m is one of photographs: cameras before a
-    board are where z points; if the surface that they saw faces away from there, the frame is a
-    camera's own (x right, y down, z away)."""
+    """Find from which side a mesh must be drawn: returns its coordinate frame, the sensor in this
+    frame, and signs of x, y and z with which the axes point left, up and away from the sensor.
+    A mesh with sigma_m was made from photographs. If its observed faces point towards +z, the frame
+    is that of a board, with the cameras on the side of +z. Otherwise it is a camera's frame (x
+    right, y down, z away from the camera)."""
     if not np.isfinite(mesh.sigma_m).any():
         return "radar", "array", np.ones(3)
     seen = mesh.faces[mesh.observed[mesh.faces].all(axis=1)]
@@ -251,8 +253,9 @@ def _seen_from(mesh: Surface) -> tuple[str, str, np.ndarray]:
 
 
 def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
-    """Return pixel centres in x and y, at even steps, that cover a mesh with a small margin: about
-    VIEWED_PX along its longer side. vertices_m [n, 3]."""
+    """Return evenly spaced pixel centres in x and in y that cover a mesh with a small margin, about
+    320 (VIEWED_PX) along its longer side.
+    vertices_m [n, 3]: vertices of the mesh, metres."""
     low_m, high_m = vertices_m[:, :2].min(axis=0), vertices_m[:, :2].max(axis=0)
     step_m = max(float((high_m - low_m).max()) / VIEWED_PX, 1e-6)
     return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
@@ -315,9 +318,10 @@ def _recording(path: Path) -> Figure:
 
 
 def _surface(path: Path) -> tuple[str, SurfaceMap, str]:
-    """Return the title of the surface that --3d shows, the surface as depths over x and y, and the
-    sensor from which it is seen. The path is a depth map, a mesh, or a capture with a surface;
-    HandbenchError for anything else."""
+    """Return what --3d shows for a path: the title, the surface as depths over x and y, and the
+    sensor from which it is seen.
+    path: a depth map, a mesh, or a capture with a surface. Raises HandbenchError for anything
+    else."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.validation.capture_warnings import surface_of
     from handbench.groundtruth.mesh.depth import reference_on_grid

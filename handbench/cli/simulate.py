@@ -1,5 +1,5 @@
-"""`handbench simulate`: a scene's capture and its table of effects, or the captures of a
-benchmark."""
+"""`handbench simulate`: simulate the capture of a scene and print its table of effects, or simulate
+all captures of a benchmark."""
 
 import argparse
 from pathlib import Path
@@ -18,9 +18,9 @@ from handbench.support.progress import say
 
 
 def run(options: argparse.Namespace) -> None:
-    """Simulate a scene and write its capture, or all captures of a benchmark. With --explain only
-    print the physical effects that would be simulated, each with its size and why it is on or
-    off."""
+    """Simulate a scene and write its capture, or all captures of a benchmark.
+    With --explain, only print the physical effects that would be simulated: the size of each, and
+    why it is on or off."""
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
@@ -43,17 +43,17 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _is_benchmark(path: Path) -> bool:
-    """True if the path is a file that lists methods or the name of a benchmark that handbench
-    contains; a scene is neither."""
+    """Tell whether a path is a benchmark and not a scene: a file that lists methods, or the name of
+    a benchmark that is installed with handbench."""
     if not path.is_file():
         return str(path) in embedded_benchmarks()
     return "method" in read_toml(path, "a scene or a benchmark")
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print a table of physical effects on stdout, one row each: its estimated influence on depths
-    (mm), on pixels lost or gained (%) and its level (dB), whether it is on and why, and its seconds
-    (~: estimated)."""
+    """Print a table of physical effects on stdout, with one row for each.
+    The columns are its estimated change of depths (mm), share of pixels lost or gained (%) and
+    level (dB), whether it is on and why, and its computing time in seconds (~: estimated)."""
     from handbench.reports.tables.result_tables import print_table, terminal_table
 
     lines = []

@@ -1,5 +1,5 @@
-"""`handbench tradeoff`: measure the accuracy and the time of many settings, and find those that no
-other beats."""
+"""`handbench tradeoff`: measure accuracy and time of many settings, and find those that no other
+setting beats."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 def run(options: argparse.Namespace) -> None:
-    """Measure accuracy against time over the benchmark's settings, print the fronts and write their
-    report. --max-mae and --max-time ask for one setting within these limits; HandbenchError, after
-    everything is written, if none is."""
+    """Measure error and time of the benchmark's settings, print the settings that no other beats
+    (the front) and write a report.
+    --max-mae and --max-time ask for one setting within these limits. If there is none,
+    HandbenchError is raised after everything is written."""
     from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.bench.tradeoff.run import run as sweep
     from handbench.bench.tradeoff.run import setting_path
@@ -55,8 +56,9 @@ def run(options: argparse.Namespace) -> None:
 
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
-    """Return the number in a text as "2mm" or "33 ms", converted to the unit whose factor is 1.
-    units: unit → factor; option: named in the error. Raises HandbenchError for anything else."""
+    """Return the number in a text such as "2mm" or "33 ms", multiplied by the factor of its unit.
+    units: unit → factor; option: name of the option, for messages. Raises HandbenchError for any
+    other text."""
     found = re.fullmatch(r"\s*(\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)\s*([a-zA-Zµ%]+)\s*", text)
     if found is None or found[2] not in units or not 0 < float(found[1]) < float("inf"):
         raise HandbenchError(
@@ -66,9 +68,10 @@ def quantity(text: str, units: dict[str, float], option: str) -> float:
 
 
 def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
-    """Print the table of every section of a trade-off, with the settings on its front, and the
-    paper's claims about time. count_acquisition: add the time of acquisition to that of imaging,
-    which may change which settings are on that front."""
+    """Print, for every section of a trade-off, a table of the settings that no other beats (the
+    front), and the paper's statements about time.
+    count_acquisition: add the time of acquisition to that of imaging, which may change the
+    front."""
     from handbench.bench.tradeoff.settings import rank, with_acquisition
 
     for section in tradeoff.facts.sections:
@@ -93,8 +96,8 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:
-    """Return a Markdown table of the settings on a section's front, those that no other beats, and
-    of those that are only beaten by settings of another method."""
+    """Return a Markdown table of the settings on a section's front, which no other setting beats,
+    and of those that are beaten only by settings of another method."""
     shown = sorted(
         (s for s in settings if s.on_front or s.on_method_front), key=lambda s: s.seconds or 0.0
     )
@@ -112,8 +115,9 @@ def _front(section: Section, settings: Sequence[Setting]) -> str:
 
 
 def markdown_table(columns: Mapping[str, Sequence[str]], texts: Sequence[str]) -> str:
-    """Return a Markdown table that is also aligned on a terminal. columns: heading → cells, empty
-    columns are left out; texts: headings of the columns that are aligned left."""
+    """Return a Markdown table whose columns are aligned on a terminal too.
+    columns: heading → cells; empty columns are left out. texts: headings of the columns that are
+    aligned left."""
     padded = []
     for heading, cells in columns.items():
         if any(cells):

@@ -1,2 +1,2 @@
-"""Common modules of all packages: errors, configuration, files, progress, parallel work, the store
-of stages."""
+"""Modules that all packages use: errors, configuration, files, progress, parallel work, and the
+store of finished stages."""

@@ -1,5 +1,5 @@
-"""Options and settings in messages, written as the caller types them: on the command line, in a
-benchmark file, or in Python."""
+"""Names of options and settings for messages, in the form that the user types: on the command line,
+in a benchmark file, or in Python."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,7 +11,8 @@ _caller: Caller = "Python"
 
 @contextmanager
 def called_from(caller: Caller) -> Iterator[None]:
-    """Context in which messages write options as `caller` types them; by default as Python."""
+    """Context manager in which messages write options in the form of `caller`; the default is
+    Python."""
     global _caller
     before, _caller = _caller, caller
     try:
@@ -21,17 +22,19 @@ def called_from(caller: Caller) -> Iterator[None]:
 
 
 def option(on_command_line: str, elsewhere: str | None = None) -> str:
-    """Name an option, as "--overwrite". elsewhere: its name in Python and in benchmark files; by
-    default the same without dashes."""
+    """Return the name of an option for a message, in the form of the current caller.
+    on_command_line: its name there, such as "--overwrite". elsewhere: its name in Python and in
+    benchmark files; None: the same without dashes and with "_" for "-"."""
     if _caller == "command line":
         return on_command_line
     return elsewhere or on_command_line.lstrip("-").replace("-", "_")
 
 
 def settings(values: Mapping[str, Any]) -> str:
-    """Write a method's settings, name → value: --set f1_hz=82e9, config = { f1_hz = 82e9 }, or
-    f1_hz=82e9. A value in a table has a name with a dot, "z.start_m"; a text is written as it
-    is."""
+    """Return a method's settings (name → value) as text for a message, in the form of the current
+    caller: --set f1_hz=82e9, config = { f1_hz = 82e9 }, or f1_hz=82e9.
+    A value in a table has a name with a dot, such as "z.start_m". A value that is text is written
+    unchanged."""
     if _caller == "command line":
         texts = {name: _text(value) for name, value in values.items()}
         return " ".join(
@@ -53,7 +56,8 @@ def settings(values: Mapping[str, Any]) -> str:
 
 
 def _text(value: Any) -> str:
-    """Format a value; a float in units of 1e9, or as it is if it is small."""
+    """Format a value for a message; a float from 1e6 on is written in units of 1e9, such as
+    82e9."""
     if isinstance(value, tuple):
         return f"[{','.join(map(_text, value))}]"
     if isinstance(value, float) and abs(value) >= 1e6:

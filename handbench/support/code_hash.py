@@ -1,10 +1,10 @@
-"""Hashes of the code that a module runs (its own and that of all modules that it imports), by which
-a stored result is recognised as made by other code.
+"""Hashes of the code that a module runs, which is its own and that of all modules that it imports.
+By them a stored result is recognised as computed by other code.
 
-All imports of a module count, also those in functions and `importlib.import_module("a.b")`,
-together with the packages around them. Imports for types only (`if TYPE_CHECKING:`) never run and
-do not count. A module that uses its `__file__` reads data files from its folder, which count as
-code.
+All imports of a module count, also those inside functions and `importlib.import_module("a.b")`,
+together with the packages that contain them. Imports for type checking only (`if TYPE_CHECKING:`)
+never run and do not count. If a module uses its `__file__`, it reads data files from its folder;
+these count as code.
 """
 
 import ast
@@ -26,8 +26,8 @@ BLOCKS = ("body", "orelse", "finalbody", "handlers", "cases")  # of statements, 
 
 
 class _Module(NamedTuple):
-    """What one module contributes: the hash of its file, the names of handbench's modules that it
-    imports (with the packages around them), and of the other libraries."""
+    """What the hash needs of one module: the hash of its file, and the names that it imports.
+    ours: modules of handbench, with the packages that contain them; others: other libraries."""
 
     hash: str
     ours: frozenset[str]
@@ -35,8 +35,8 @@ class _Module(NamedTuple):
 
 
 class Sources:
-    """The source files of handbench's modules, found in the package's folder `root`. Each is read
-    once, on first use."""
+    """The source files of handbench's modules, found in the package folder `root`. Each file is
+    read once, at its first use."""
 
     def __init__(self, root: Path = ROOT) -> None:
         self.root = root
@@ -47,9 +47,9 @@ class Sources:
         self._modules: dict[str, _Module] = {}
 
     def imports_of(self, module: str) -> tuple[list[str], list[str]]:
-        """Return the names of all handbench modules that run when `module` is imported, itself
-        among them, and of the other libraries that these import, Python's own excepted; both
-        sorted. Raises ModuleNotFoundError for an unknown module."""
+        """Return the names of all modules that run when `module` is imported, as two sorted lists.
+        The first has handbench's modules, including `module`; the second has the libraries that
+        these import, except Python's own. Raises ModuleNotFoundError for an unknown module."""
         ours: set[str] = set()
         others: set[str] = set()
         waiting = {module, *self._passed(module)}
@@ -95,8 +95,8 @@ class Sources:
         return _Module(content_hash(file, *named), ours, others)
 
     def _passed(self, name: str) -> list[str]:
-        """Return the modules of handbench that run when a name is imported: of a.b.c those of a,
-        a.b and a.b.c that exist."""
+        """Return handbench's modules that run when a name is imported. For a.b.c these are a, a.b
+        and a.b.c, as far as they exist."""
         parts = name.split(".") if name.partition(".")[0] == PACKAGE else []
         prefixes = (".".join(parts[:count]) for count in range(1, len(parts) + 1))
         return [prefix for prefix in prefixes if self._file(prefix) is not None]
@@ -118,8 +118,8 @@ class Sources:
 
 @cache
 def key_of(module: str) -> str:
-    """Return a hash of all code that a module of the installed handbench runs, from the files as
-    this process first read them."""
+    """Return a hash of all code that a module of the installed handbench runs. Files count as this
+    process first read them."""
     return _INSTALLED.key(module)
 
 
@@ -128,9 +128,10 @@ _INSTALLED = Sources()
 
 @cache
 def _imported(source: bytes, package: str) -> frozenset[str]:
-    """Return the full names that a module imports. For `from a import b` these are a and a.b, which
-    may be a module. source: the module's text; package: the package that it is in, from which
-    relative imports start."""
+    """Return the full names that a module imports. `from a import b` gives a and a.b, because a.b
+    may be a module.
+    source: text of the module; package: the package that contains it, from which relative imports
+    start."""
     collecting = gc.isenabled()
     gc.disable()  # it would go through each tree many times while it grows
     try:
@@ -158,8 +159,8 @@ def _names(tree: ast.Module, package: str, calls: bool) -> Iterator[str]:
 
 
 def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield all statements below a node of a syntax tree, at any depth, without those for types
-    only."""
+    """Yield all statements below a node of a syntax tree, at any depth, except those for type
+    checking only."""
     types = isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING")
     for block in BLOCKS[types:]:
         for inner in getattr(node, block, ()):
@@ -170,16 +171,18 @@ def _statements(node: ast.AST) -> Iterator[ast.AST]:
 @cache
 def installed(library: str) -> tuple[str, ...]:
     """Return the installed distributions that provide an imported library, each with its version,
-    as "numpy 2.1.0"; without one, the library's name followed by "none"."""
+    such as "numpy 2.1.0". If there is none, the name of the library is followed by "none"."""
     brought_by = {one.metadata["Name"] for one in _distributions().get(library, [])}
     return tuple(sorted(map(with_version, brought_by or {library})))
 
 
 @cache
 def _distributions() -> dict[str, list[metadata.Distribution]]:
-    """Return the installed distributions by the names that can be imported from them, as
-    `metadata.packages_distributions` finds them. This reads the text of their records, which is
-    four times as fast as one object for each of 30 000 files."""
+    """Find the installed distributions by the modules that they provide: name of a module →
+    distributions.
+    The result is that of `metadata.packages_distributions`. Reading the text of the distributions'
+    records is four times as fast, because that function makes an object for each of 30 000
+    files."""
     found: dict[str, list[metadata.Distribution]] = {}
     for one in metadata.distributions():
         inferred = re.findall(r"(?m)^([^/,\n]+?)(?:/[^,\n]*)?\.py,", one.read_text("RECORD") or "")
@@ -189,7 +192,8 @@ def _distributions() -> dict[str, list[metadata.Distribution]]:
 
 
 def with_version(distribution: str) -> str:
-    """Return a distribution's name with its installed version, as "numpy 2.1.0", or with "none"."""
+    """Return a distribution's name with its installed version, such as "numpy 2.1.0"; with "none"
+    if it is not installed."""
     try:
         return f"{distribution} {metadata.version(distribution)}"
     except metadata.PackageNotFoundError:  # an extra that is not installed

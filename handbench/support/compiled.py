@@ -1,9 +1,9 @@
-"""Compiled loops: numba with the full vector width of the processor, and options for kernels that
-sum in float32.
+"""Compilation of loops by numba with the full vector width of the processor, and options for
+kernels (compiled loops) that sum in float32.
 
 On processors with AVX-512, LLVM uses half the vector width by default, because the first of these
-slowed down at full width. The loops here are 1.05 to 1.4 times as fast with full width (measured).
-NUMBA_CPU_FEATURES, if set, overrides this.
+processors slowed down at full width. handbench's loops are 1.05 to 1.4 times as fast at full width
+(measured). The environment variable NUMBA_CPU_FEATURES, if set, overrides this.
 """
 
 import fcntl
@@ -38,12 +38,13 @@ cpu_target.target_context  # noqa: B018  # which keeps the features that it meet
 
 
 def compile_once(module: str, *kernels: Any) -> None:
-    """Have compiled loops (kernels) compiled and cached before their first use, by running `python
-    -m module`, which calls them. Of several processes that ask, one compiles and the others wait.
+    """Compile kernels (loops compiled by numba) and store them in numba's cache before their first
+    use, by running `python -m module`, which calls them. If several processes need this, one
+    compiles and the others wait.
 
-    A separate process compiles because a kernel that calls another one is linked to that kernel's
-    code if both were just compiled, and to a copy, optimised again, if it is loaded: sums would
-    differ in their last bits (3e-7).
+    A separate process is needed for reproducible results. A kernel that calls another one is linked
+    to that kernel's code if both were just compiled. If it is loaded from the cache, it is linked
+    to a copy that is optimised again, and sums differ in their last bits (3e-7).
     """
     if _cached(kernels):
         return
@@ -65,8 +66,8 @@ def compile_once(module: str, *kernels: Any) -> None:
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
-    """True if numba need not compile the kernels: it has their code for this processor in its
-    cache, or is set not to compile."""
+    """Tell whether numba need not compile the kernels, because its cache has their code for this
+    processor or because compilation is switched off."""
     if getattr(config, "DISABLE_JIT", False):
         return True
     codes = (

@@ -1,5 +1,5 @@
-"""Configurations that are checked strictly: every key must be known and every value valid; for a
-mistyped key the nearest known one is suggested."""
+"""Configurations that are checked strictly: every key must be known and every value valid. For a
+mistyped key, the nearest known one is suggested."""
 
 import difflib
 import re
@@ -47,9 +47,9 @@ HIGH_HZ = 1e12  # a higher guess is none
 
 
 class Config(pydantic.BaseModel):
-    """Base class of every configuration. Its values cannot be changed; an unknown key at any level,
-    NaN, infinity, or a number of a size that no quantity in SI units has, is an error; defaults are
-    checked too."""
+    """Base class of every configuration. Its values cannot be changed.
+    Errors are: an unknown key at any level, NaN or infinity, and a number so large or small that no
+    quantity in SI units has this size. Default values are checked too."""
 
     model_config = pydantic.ConfigDict(
         extra="forbid",
@@ -61,9 +61,9 @@ class Config(pydantic.BaseModel):
 
     @pydantic.model_validator(mode="after")
     def _in_range(self) -> Self:
-        """Refuse numbers so small or so large that they would vanish or overflow in float32; no
-        quantity in SI units is as small or large. Numbers in a tuple, as coordinates, may be so
-        small by rounding."""
+        """Refuse numbers so small or so large that they would vanish or overflow in float32.
+        Numbers in a tuple, such as coordinates, may be that small, because rounding can cause
+        it."""
         for name, value in self:
             for key, number in _numbers(name, value):
                 vanishes = number and number is value and abs(number) < SMALLEST
@@ -78,8 +78,8 @@ class Config(pydantic.BaseModel):
 
 
 def _numbers(key: str, value: object) -> Iterator[tuple[str, int | float]]:
-    """Yield a value with its key if it is a number, and all numbers in a tuple, list or table, with
-    the keys that lead to them."""
+    """Yield key and value of a number, or of every number in a tuple, list or table, with a dotted
+    key such as "box_m.2"."""
     if isinstance(value, int | float):
         yield key, value
     elif isinstance(value, tuple | list | dict):
@@ -89,9 +89,9 @@ def _numbers(key: str, value: object) -> Iterator[tuple[str, int | float]]:
 
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
-    """Return a configuration of the class `model` from plain values, as a TOML file gives them.
-    Raises a HandbenchError of one line, which begins with `where` (a file or an option) and says
-    what is wrong."""
+    """Return a configuration of the class `model` from plain values, such as those of a TOML file.
+    where: a file or an option, with which the message begins. Raises HandbenchError that says in
+    one line what is wrong."""
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
@@ -111,8 +111,9 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:
-    """Return the content of a TOML file as plain values. Raises a HandbenchError, which says that
-    `what` was expected, for a missing or broken file."""
+    """Return the content of a TOML file as plain values.
+    what: the expected content, in words, for messages. Raises HandbenchError for a missing or
+    broken file."""
     text = ""
     try:
         text = read_text(path, what, TOML_BYTES)
@@ -128,22 +129,23 @@ def read_toml(path: str | Path, what: str) -> dict[str, Any]:
 
 def plain_toml(text: str) -> dict[str, Any]:
     """Return the content of a TOML text as plain values. Raises ValueError for text that is invalid
-    or too deeply nested; for some deep nesting RecursionError."""
+    or too deeply nested (for some deep nesting RecursionError)."""
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts")
     return require_shallow(tomllib.loads(text))
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
-    """Return a configuration of the class `model` from a TOML file. Raises a HandbenchError for a
-    file that is missing, broken or has wrong values. what: the expected file, in words."""
+    """Return a configuration of the class `model` from a TOML file.
+    what: the expected content, in words, for messages. Raises HandbenchError for a file that is
+    missing, broken or has wrong values."""
     return parse(model, read_toml(path, what), str(path))
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """Return a hint for an unknown name: "did you mean 'x'?" with the known name that has the same
-    meaning (FSK3 and three-tone are 3fsk) or else the most similar letters, or the list of all
-    known names if none is similar."""
+    """Return a hint for an unknown name: "did you mean 'x'?", or a list of all known names.
+    x is the known name with the same meaning (FSK3 and three-tone mean 3fsk) or else with similar
+    letters; the list is returned if no name is similar."""
     near = [other for other in known if _words(other) == _words(name)]
     near += difflib.get_close_matches(name, known, n=1, cutoff=0.5)
     near += difflib.get_close_matches(name.casefold(), known, n=1, cutoff=0.6)
@@ -151,15 +153,16 @@ def suggest(name: str, known: list[str]) -> str:
 
 
 def _words(name: str) -> set[str]:
-    """Return the words and numbers in a name, in lower case, each as handbench calls it."""
+    """Return the words and numbers in a name, in lower case, with synonyms replaced by handbench's
+    own word."""
     found = re.findall(r"[^\W\d_]+|\d+", name.casefold())
     return {SYNONYMS.get(word, word) for word in found}
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:
-    """Return in words what is wrong with one value of a configuration. problem: pydantic's
-    description of the error; prefix: keys that lead from the file's top to the configuration's
-    values."""
+    """Describe in words what is wrong with one value of a configuration.
+    problem: pydantic's description of the error; prefix: keys that lead from the top of the file to
+    the values of the configuration."""
     models, keys = _follow(model, problem["loc"])
     location = ".".join(map(str, (*prefix, *keys))) or "the file"
     if problem["type"] == "extra_forbidden":
@@ -186,8 +189,9 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
 
 
 def _unit_hint(key: str, value: Any, bounds: dict[str, Any]) -> str:
-    """Ask whether a length or frequency outside its bounds is in another unit, in which it would be
-    within them; "" for any other value. key: its name. bounds: those of pydantic's error."""
+    """Return a question whether a length or frequency outside its bounds was given in another unit,
+    if it would be within the bounds in that unit; "" otherwise.
+    key: name of the value. bounds: allowed range from pydantic's error, "ge" and "le"."""
     low, high = bounds.get("ge", -HIGH_HZ), min(bounds.get("le", HIGH_HZ), HIGH_HZ)
     if bounds.keys() & {"ge", "le"} and isinstance(value, int | float):
         for ending, units in UNITS.items():
@@ -200,9 +204,10 @@ def _unit_hint(key: str, value: Any, bounds: dict[str, Any]) -> str:
 def _follow(
     model: type[Config], location: tuple[int | str, ...]
 ) -> tuple[list[type[Config]], list[str]]:
-    """Return the configuration classes that a wrong value may belong to, and the keys that lead to
-    it as the file has them. location: the value's place as pydantic gives it, which besides keys
-    names the chosen class of a union."""
+    """Return the configuration classes to which a wrong value may belong, and the keys that lead to
+    the value in the file.
+    location: place of the value as pydantic gives it; if alternatives of a union exist, it also
+    names the chosen class."""
     models, keys = [model], []
     for part in location:
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
@@ -229,9 +234,10 @@ def _models_in(annotation: Any) -> list[type[Config]]:
 
 
 def checked_name(name: str) -> str:
-    """Return `name` in one form (NFC) if it can be a part of a file's name; ValueError if it leads
-    to another folder, is hidden, is longer than 80 characters or NAME_BYTES, or contains '__', with
-    which handbench separates names."""
+    """Return `name` in Unicode's NFC form, if it can be part of a file name.
+    Raises ValueError for a name that leads to another folder, is hidden, is longer than 80
+    characters or 100 bytes (NAME_BYTES), cannot be printed, or contains '__', with which handbench
+    separates names."""
     name = one_form(name)
     unfit = (
         not name.isprintable()

@@ -1,5 +1,5 @@
-"""What work costs (wall-clock time, processor time, peak memory), facts of the machine that affect
-this, and limits of time and memory that are checked before the work begins."""
+"""Measure what work costs (wall-clock time, processor time, peak memory) and the machine's speed,
+and refuse work that would take too long or too much memory before it begins."""
 
 import os
 import platform
@@ -28,8 +28,8 @@ ANNOUNCED_S, MOST_HOURS = 10.0, 24.0
 
 @dataclass
 class Cost:
-    """What a piece of work cost, for the entire process: wall-clock seconds, seconds of processor
-    time, and the largest memory in use, MB."""
+    """The cost of some work, measured for the entire process: wall-clock seconds, seconds of
+    processor time, and peak memory, MB."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
@@ -38,8 +38,8 @@ class Cost:
 
 @contextmanager
 def measured() -> Iterator[Cost]:
-    """Context that measures the work inside it: yields a Cost, which has its figures when the block
-    ends."""
+    """Context manager that measures the work in its block. It yields a Cost, which has its values
+    when the block ends."""
     cost, done, process = Cost(), threading.Event(), psutil.Process()
 
     def watch() -> None:
@@ -64,9 +64,10 @@ def measured() -> Iterator[Cost]:
 
 @contextmanager
 def others() -> Iterator[list[float]]:
-    """Context that measures how busy the machine is with other work: yields a list, which receives
-    at the end of the block the mean number of cores taken by others. This is the time that all
-    cores were busy, or withheld by the machine's host, minus the time of this process."""
+    """Context manager that measures how busy other work keeps the machine during its block.
+    It yields a list. When the block ends, the mean number of cores that other work took is
+    appended: the time in which cores were busy, or withheld by the host of a virtual machine, minus
+    that of this process, divided by the duration."""
     found: list[float] = []
     start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
     try:
@@ -77,8 +78,8 @@ def others() -> Iterator[list[float]]:
 
 
 def _busy_s() -> float:
-    """Return the seconds of work, summed over all cores since the machine started, including time
-    that its host withheld."""
+    """Return the seconds in which cores were busy since the machine started, summed over all cores,
+    including time withheld by the host of a virtual machine."""
     times = psutil.cpu_times()
     return sum(
         getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal")
@@ -89,9 +90,9 @@ CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
 
 
 def calibrated_machine() -> dict[str, Any]:
-    """Return facts of the machine that affect times, with its name as "host" and its rate of matrix
-    products as "gemm_gflops", by which times of different machines can be compared. Measured once
-    per process."""
+    """Return facts of this machine that affect computing times, measured once per process: those of
+    `machine`, its name ("host"), and its rate of matrix products ("gemm_gflops"), by which times of
+    different machines can be compared."""
     if not CALIBRATED:
         CALIBRATED.update(
             {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
@@ -100,8 +101,9 @@ def calibrated_machine() -> dict[str, Any]:
 
 
 def gemm_gflops() -> float:
-    """Measure the rate of float32 matrix products on all cores in GFLOP/s: the best within half a
-    second, since other work on the machine can only slow it down."""
+    """Measure the rate of float32 matrix products on all cores, GFLOP/s.
+    The best rate within half a second is returned, because other work on the machine can only lower
+    it."""
     gemm(GEMM_SIZE)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:
@@ -111,8 +113,8 @@ def gemm_gflops() -> float:
 
 
 def machine() -> dict[str, str | int | float]:
-    """Return facts of the machine that affect times: processor, cores, memory_gb, system and
-    python."""
+    """Return facts of this machine that affect computing times: processor, number of cores,
+    memory_gb, operating system, and version of Python."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -133,7 +135,7 @@ def _processor() -> str:
 
 
 def gemm(size: int) -> np.ndarray:
-    """Return the product of two fixed random float32 matrices [size, size], which takes 2·size³
+    """Return the product of two fixed random float32 matrices [size, size], computed with 2·size³
     operations on all cores."""
     return np.matmul(*_factors(size))
 
@@ -146,9 +148,10 @@ def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def require_memory(needed_bytes: float, what: str) -> None:
-    """Raise a HandbenchError for imaging that needs more memory than allowed: a quarter of the
-    machine's, or HANDBENCH_MEMORY_GB. The message begins with `what` and says how much coarser
-    steps would fit."""
+    """Raise a HandbenchError if imaging needs more memory than allowed, which is
+    HANDBENCH_MEMORY_GB or a quarter of the machine's memory.
+    what: the work, with which the message begins. The message says how much larger steps of the
+    grid would have to be."""
     limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
@@ -163,12 +166,12 @@ def require_memory(needed_bytes: float, what: str) -> None:
 
 def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores;
-    print the predicted time if it is long.
+    print the predicted time if it is above 10 s (ANNOUNCED_S).
 
     Args:
         core_s: predicted processor time on one core, seconds.
         what: the work, in words.
-        bytes_: predicted memory; where it is given, time and memory are always printed.
+        bytes_: predicted memory; if given, time and memory are always printed.
     """
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
     duration = (
@@ -191,7 +194,8 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
 
 def setting(name: str, default: float, unit: str) -> float:
     """Return a positive number from the environment variable `name`, or `default` if it is not set.
-    Raises a HandbenchError, which names the unit, for anything else."""
+    unit: of the number, for the message. Raises HandbenchError for anything but a positive
+    number."""
     wanted = os.environ.get(name, "")
     try:
         value = float(wanted) if wanted else default
@@ -205,8 +209,8 @@ def setting(name: str, default: float, unit: str) -> float:
 
 
 def require_free(needed_bytes: float, what: str, advice: str) -> None:
-    """Raise a HandbenchError for work that needs more than the memory free now. The message begins
-    with `what` and ends in `advice`."""
+    """Raise a HandbenchError for work that needs more memory than is free now.
+    The message begins with `what`, the work, and ends with `advice`."""
     free = psutil.virtual_memory().available
     if needed_bytes > free:
         raise HandbenchError(

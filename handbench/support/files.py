@@ -1,4 +1,4 @@
-"""Reading and writing of files such that a crash, a full disk or a malicious file does no harm."""
+"""Reading and writing of files, such that a crash, a full disk or a malicious file does no harm."""
 
 import codecs
 import csv
@@ -33,9 +33,10 @@ NPY_HEADERS = {
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """Context that writes a file completely or not at all: yields a temporary path next to `path`,
-    with the same suffix, which takes the place of `path` when the block succeeds and is removed
-    when it fails. An OSError (a full disk, a read-only folder) becomes a HandbenchError."""
+    """Context manager that writes a file completely or not at all.
+    It yields a temporary path in the same folder and with the same suffix. When the block succeeds,
+    this file replaces `path`; when it fails, the file is removed. An OSError (a full disk, a
+    read-only folder) becomes a HandbenchError."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
         handle, name = tempfile.mkstemp(
@@ -51,10 +52,10 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
-    """Context that writes a folder completely or not at all: yields a temporary folder next to
-    `path`, which takes its place when the block succeeds and is removed when it fails. An existing
-    folder is replaced at the very end; a file or a link in its place is a HandbenchError, as is any
-    other OSError."""
+    """Context manager that writes a folder completely or not at all.
+    It yields a temporary folder next to `path`. When the block succeeds, this folder replaces
+    `path`; when it fails, the folder is removed. Raises HandbenchError if `path` is a file or a
+    link, and instead of any other OSError."""
     path = Path(path)
     with writable(path, UNCHANGED), ExitStack() as ending:
         temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
@@ -65,7 +66,7 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
 
 
 def _permit(path: Path, mode: int) -> None:
-    """Give a new file the usual permissions, where the file system has any to give."""
+    """Give a new file or folder the usual permissions, if the file system supports permissions."""
     try:
         path.chmod(mode & ~_umask())
     except OSError as error:
@@ -75,8 +76,8 @@ def _permit(path: Path, mode: int) -> None:
 
 @contextmanager
 def writable(path: Path, advice: str) -> Iterator[None]:
-    """Context for writing `path`: creates the folder above it, and turns an OSError, there or in
-    the block, into a HandbenchError that ends in `advice`."""
+    """Context manager for writing `path`. It creates the parent folder, and turns every OSError,
+    also one in the block, into a HandbenchError that ends with `advice`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
@@ -87,9 +88,9 @@ def writable(path: Path, advice: str) -> Iterator[None]:
 
 
 def _replace_folder(new: Path, path: Path) -> None:
-    """Rename the folder `new` to `path`. A folder that is there already is moved aside first and
-    then deleted, or moved back if the renaming fails. Raises NotADirectoryError if a file or a link
-    is there."""
+    """Rename the folder `new` to `path`.
+    An existing folder at `path` is first moved aside; it is then deleted, or moved back if renaming
+    fails. Raises NotADirectoryError if `path` is a file or a link."""
     if path.is_symlink():
         raise NotADirectoryError(errno.ENOTDIR, "a link is in the folder's place")
     if not path.exists():
@@ -115,8 +116,8 @@ def _umask() -> int:
 
 
 def require_file(path: str | Path, what: str) -> Path:
-    """Return `path` as a Path if it is a file. Otherwise raises a HandbenchError which says that
-    `what` (as "a photograph") was expected there."""
+    """Return `path` as a Path if it is a file. Raises HandbenchError otherwise.
+    what: the expected file for the message, such as "a photograph"."""
     path = Path(path)
     # which, unlike Path's, is False for names too long and links in a circle
     if not os.path.isfile(path):
@@ -126,8 +127,8 @@ def require_file(path: str | Path, what: str) -> Path:
 
 
 def require_size(path: Path, what: str, most: int) -> int:
-    """Return the size of a file in bytes. Raises a HandbenchError if there are more than `most`,
-    which says that `what` was expected."""
+    """Return the size of a file, bytes. Raises HandbenchError if it is above `most`.
+    what: the expected file for the message, such as "a photograph"."""
     size = path.stat().st_size
     if size > most:
         raise HandbenchError(
@@ -137,8 +138,9 @@ def require_size(path: Path, what: str, most: int) -> int:
 
 
 def read_bytes(path: str | Path, what: str, most: int) -> bytes:
-    """Return the content of a file. Raises a HandbenchError, which says that `what` was expected,
-    for a file that is missing, cannot be read, or has more than `most` bytes."""
+    """Return the content of a file.
+    what: the expected file, for the message. Raises HandbenchError for a file that is missing,
+    cannot be read, or has more than `most` bytes."""
     path = require_file(path, what)
     try:
         with path.open("rb") as stream:
@@ -150,9 +152,10 @@ def read_bytes(path: str | Path, what: str, most: int) -> bytes:
 
 
 def read_text(path: str | Path, what: str, most: int) -> str:
-    r"""Return a file's content as text, from UTF-8 without a byte order mark and with \n at the end
-    of every line. Raises ValueError for bytes that are not UTF-8, and HandbenchError as
-    `read_bytes` does for a missing or too large file."""
+    r"""Return the content of a UTF-8 file as text, without byte order mark and with \n at the end
+    of every line.
+    what: the expected file, for the message. Raises ValueError for a file that is not UTF-8, and
+    HandbenchError for one that is missing, cannot be read, or has more than `most` bytes."""
     content = read_bytes(path, what, most)
     if is_utf_16(content):
         raise ValueError("it is UTF-16; save it as UTF-8")
@@ -165,8 +168,10 @@ def read_text(path: str | Path, what: str, most: int) -> str:
 
 
 def read_csv(path: str | Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Return the lines of a CSV file that are not empty, each with its number, from 1, and its
-    cells. Raises HandbenchError for a file that is no text or no CSV; columns: those expected."""
+    """Return the lines of a CSV file that are not empty, each as its number, from 1, and the list
+    of its cells.
+    columns: the expected columns, for the message; they are not checked. Raises HandbenchError for
+    a file that is not text or not CSV."""
     expected = f"the columns {','.join(columns)}"
     try:
         text = read_text(path, f"a CSV file with {expected}", limits.CSV_BYTES)
@@ -177,14 +182,14 @@ def read_csv(path: str | Path, columns: Sequence[str]) -> list[tuple[int, list[s
 
 
 def is_utf_16(content: bytes) -> bool:
-    """Report whether a text file's first bytes are UTF-16, with a byte order mark or without."""
+    """Tell whether the first bytes of a text file are UTF-16, with or without a byte order mark."""
     marked = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
     return marked or (content[:2].count(0) == 1 and content[2:4].count(0) == 1)
 
 
 def at_fault(error: Exception, text: str) -> str:
-    """Return a parser's error followed by the text at the line and column that it names, and by a
-    hint if a decimal comma is there."""
+    """Return a parser's error message, followed by the text at the line and column that it names.
+    If that text has a decimal comma, a hint is added."""
     places = re.findall(r"line (\d{1,9}),? column (\d{1,9})", str(error))
     line, column = map(int, places[-1]) if places else (0, 0)  # a key may have the form of another
     shown = "".join(["", *text.split("\n")][line : line + 1])[max(0, column - 40) :][:60].strip()
@@ -193,16 +198,17 @@ def at_fault(error: Exception, text: str) -> str:
 
 
 def one_form(name: str) -> str:
-    """Return a file's name in the form in which names are compared: an accent and its letter as one
-    character (NFC; macOS may store two), and bytes that are not UTF-8 as %E4."""
+    """Return a file name in the form in which names are compared.
+    An accent and its letter become one character (NFC; macOS may store two), and a byte that is not
+    UTF-8 becomes, for example, %E4."""
     known = os.fsencode(name).decode("utf-8", "surrogateescape")
     shown = "".join(f"%{ord(c) - 0xDC00:02X}" if "\udc80" <= c <= "\udcff" else c for c in known)
     return unicodedata.normalize("NFC", shown)
 
 
 def require_folder(path: str | Path, what: str) -> Path:
-    """Return `path` as a Path if it is a folder. Otherwise raises a HandbenchError which says that
-    a folder with `what` was expected there."""
+    """Return `path` as a Path if it is a folder. Raises HandbenchError otherwise.
+    what: the expected content of the folder, for the message."""
     path = Path(path)
     if not os.path.isdir(path):
         found = "a file" if os.path.isfile(path) else "nothing"
@@ -213,9 +219,10 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
-    """Return the real path of `folder / name`. Raises a HandbenchError, which begins with `where`,
-    for a name that is too long or leads out of the folder: names in TOML files and reports are
-    untrusted. A file whose name differs in its Unicode form only (`one_form`) is found."""
+    """Return the real path of `folder / name`, which must be inside the folder.
+    where: file or key that has the name, with which the message begins. A file is also found if its
+    name differs only in its Unicode form. Raises HandbenchError for a name that is too long or
+    leads out of the folder, because names in TOML files and reports are untrusted."""
     if (
         max(map(len, name.encode("utf-8", "replace").split(b"/"))) > limits.LONGEST_NAME
         or len(name) > 1000
@@ -231,8 +238,8 @@ def inside(folder: Path, name: str, where: str) -> Path:
 
 
 def _stored(folder: Path, name: str) -> Path:
-    """Return `folder / name` with each part as the file system has it, if that is equal in
-    `one_form`."""
+    """Return `folder / name`, with each part of the name spelled as in the file system if the two
+    differ only in their Unicode form."""
     path = folder
     for part in Path(name).parts:
         there = path / part
@@ -258,8 +265,9 @@ def write_json(path: str | Path, content: Any) -> None:
 def read_json(
     path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES
 ) -> Any:
-    """Return the content of a JSON file. Raises a HandbenchError, which says that `what` was
-    expected, for a missing or broken file and for more than `most` values or `most_bytes` bytes."""
+    """Return the content of a JSON file.
+    what: the expected file, for the message. Raises HandbenchError for a missing or broken file,
+    and for more than `most` values or `most_bytes` bytes."""
     text = ""
     try:
         text = read_text(path, what, most_bytes)
@@ -272,7 +280,7 @@ def read_json(
 
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
     """Return the values in a JSON text. Raises ValueError for text that is invalid, too deeply
-    nested or has more than `most` values; for some deep nesting RecursionError."""
+    nested or has more than `most` values (for some deep nesting RecursionError)."""
     # before they are made: a value takes a byte here, 60 in memory
     if sum(map(text.count, "[{,")) > most:
         raise ValueError(f"it holds more than {most} values")
@@ -280,9 +288,10 @@ def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:
-    """Write arrays by name as a compressed .npz, completely or not at all. The lowest compression
-    level is used: for measured data a higher one saves 8 % of the size and takes 1.5 times as long.
-    Arrays of Python objects, which would need pickles, are a ValueError."""
+    """Write arrays (name → array) as a compressed .npz file, completely or not at all.
+    Raises ValueError for arrays of Python objects, which would need pickles. The lowest compression
+    level is used: for measured data, a higher one saves 8 % of the size and takes 1.5 times as
+    long."""
     with (
         atomic_path(path) as temporary,
         zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file,
@@ -298,9 +307,10 @@ def read_npz(
     optional: tuple[str, ...] = (),
     most: int = limits.ARRAY_BYTES,
 ) -> dict[str, np.ndarray]:
-    """Return the arrays of an .npz file by name: all of `names`, and those of `optional` that it
-    has. Raises a HandbenchError for a missing or broken file or array, for arrays of more than
-    `most` bytes, and for pickled content, which is never run."""
+    """Return arrays of an .npz file: name → array, for all of `names`, and for those of `optional`
+    that the file has.
+    Raises HandbenchError for a missing or broken file or array, for arrays of more than `most`
+    bytes, and for pickled content, which is never run."""
     try:
         content = read_bytes(path, "an .npz file", most)
         # zipfile reads its list of them before it can be asked
@@ -338,9 +348,9 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
-    """Read the array, in numpy's .npy form, that begins at the stream's position. room_bytes: how
-    many bytes are left there. Raises ValueError for pickled content and for an array that claims
-    more bytes than are left, before memory is taken."""
+    """Read the array in numpy's .npy format that begins at the current position of a stream.
+    room_bytes: number of bytes from there to the end. Raises ValueError for pickled content, and,
+    before memory is allocated, for an array that claims more bytes than there are."""
     start = stream.tell()
     version = np.lib.format.read_magic(stream)
     if version not in NPY_HEADERS:
@@ -359,12 +369,12 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
 
 
 def content_hash(*parts: Any) -> str:
-    """Return the SHA-256, in hexadecimal, of some values: strings, numbers, lists and mappings of
-    them, arrays, files, and folders (name and content of each file).
+    """Return a SHA-256 in hexadecimal that identifies values: strings, numbers, lists and mappings
+    of them, arrays, files (their content), and folders (name and content of each file).
 
-    Raises TypeError for anything else, since its text may be equal for different values. A link in
-    a folder counts with the content of its file if this is in the folder too; other links, pipes
-    and devices are a HandbenchError.
+    Raises TypeError for other values, because their text may be equal for different values. A link
+    in a folder counts with the content of its file, if that is in the folder too. Raises
+    HandbenchError for other links, pipes and devices.
     """
     digest = hashlib.sha256()
     for part in parts:

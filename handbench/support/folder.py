@@ -1,9 +1,9 @@
-"""The folders that a run fills. All files there are opened for writing, listed and deleted through
-this module.
+"""Access to the result folder of a run: all files there are opened for writing, listed and deleted
+through this module.
 
-Somebody who sends a result folder, or shares the folder above it, may have put links into it. No
-link below the folder's own path is followed: links, devices, pipes, and files of other users are
-refused and left unchanged. (The folder's own path is what the user wrote, and may contain links.)
+Somebody who sends a result folder, or who shares its parent folder, may have put links into it. No
+link inside the folder is followed. Links, devices, pipes, and files of other users are refused and
+left unchanged. (The path of the folder itself is given by the user, and may contain links.)
 """
 
 import fcntl
@@ -23,9 +23,9 @@ ADVICE = "free the space or choose another -o"
 
 
 def require_owned(path: Path) -> os.stat_result | None:
-    """Return the state of a file or folder (`os.lstat`), None if there is nothing. Raises a
-    HandbenchError for a link, a device or a pipe, and for what belongs to another user, unless this
-    user is root."""
+    """Return the state of a file or folder (`os.lstat`); None if nothing is there.
+    Raises HandbenchError for a link, a device or a pipe, and, unless this user is root, for a file
+    or folder of another user."""
     try:
         found = os.lstat(path)
     except FileNotFoundError:
@@ -49,15 +49,17 @@ def _refuse_foreign(found: os.stat_result, path: Path) -> None:
 
 
 def is_owned_folder(path: Path) -> bool:
-    """True if the path is a folder of this user, False for a file or nothing. Raises a
-    HandbenchError for a link, a device, a pipe, and for what belongs to another user."""
+    """Tell whether the path is a folder of this user; False for a file, or if nothing is there.
+    Raises HandbenchError for a link, a device or a pipe, and for a file or folder of another
+    user."""
     found = require_owned(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
 def read_owned(path: str | Path) -> Iterator[bytes]:
-    """Yield a file's content in parts of PART_BYTES. Raises FileNotFoundError if there is none, and
-    a HandbenchError for a link, a device, a pipe, and for what belongs to another user."""
+    """Yield the content of a file in blocks of 4 MB (PART_BYTES).
+    Raises FileNotFoundError if there is no file, and HandbenchError for a link, a device or a pipe,
+    and for a file of another user."""
     handle = _open_owned(path, os.O_RDONLY)
     try:
         while part := os.read(handle, PART_BYTES):
@@ -67,9 +69,9 @@ def read_owned(path: str | Path) -> Iterator[bytes]:
 
 
 def _open_owned(path: str | Path, flags: int) -> int:
-    """Open a file and return its descriptor, without following a link or waiting for a pipe. Raises
-    a HandbenchError for anything but a file or folder of this user. flags: as `os.open` takes
-    them."""
+    """Open a file and return its descriptor, without following a link or waiting for a pipe.
+    flags: those of `os.open`. Raises HandbenchError for anything but a file or folder of this
+    user."""
     try:
         handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
     except OSError:
@@ -84,8 +86,8 @@ def _open_owned(path: str | Path, flags: int) -> int:
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:
-    """Remove files and folders from a folder before they are written again: those with these names,
-    in this order, and the half-written ones that a killed run left."""
+    """Delete files and folders in a folder before they are written again: those with the given
+    names, in this order, and temporary files for these names that a killed run left."""
     half_written = [
         p
         for p in folder.iterdir()
@@ -105,12 +107,13 @@ def _remove(path: Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[Path]:
-    """Context that keeps other runs out of a result folder: yields its `work` folder, without the
-    half-written files of killed runs. The lock ends with the process.
+    """Context manager that keeps other runs out of a result folder. It yields the folder's
+    subfolder `work`, from which temporary files of killed runs are removed. The lock ends with the
+    block or the process.
 
-    A marker file shows that a run made the folder: one that holds files but no marker is refused,
-    as is a folder that another run is writing to. Everything in the folder and in `work` must be
-    this user's own file or folder. Each refusal is a HandbenchError.
+    A marker file shows that a run made the folder. Raises HandbenchError if the folder has files
+    but no marker, if another run is writing to it, or if something in it or in `work` is not a file
+    or folder of this user.
     """
     if folder.exists() and not folder.is_dir():
         raise HandbenchError(

@@ -1,5 +1,5 @@
-"""Untrusted HDF5 files: sizes that a file declares are compared with its actual size before the
-library uses them."""
+"""Reading of untrusted HDF5 files: sizes that a file declares are compared with its actual size
+before the HDF5 library uses them."""
 
 import mmap
 import os
@@ -28,8 +28,8 @@ CHUNKS = 2**17  # of one data set
 
 @contextmanager
 def open_hdf5(path: Path) -> "Iterator[h5py.File]":
-    """Context that yields an HDF5 file, open for reading. Raises ValueError for a file on which the
-    HDF5 library would loop forever."""
+    """Context manager that yields an HDF5 file, open for reading. Raises ValueError for a file on
+    which the HDF5 library would loop forever."""
     import h5py
 
     with path.open("rb") as stream:
@@ -41,8 +41,9 @@ def open_hdf5(path: Path) -> "Iterator[h5py.File]":
 
 
 def _check_heaps(content: mmap.mmap) -> None:
-    """Raise a ValueError for a heap (HDF5's collection of texts) with an object of size 0, at which
-    the HDF5 library (2.0) loops forever. content: the file's bytes."""
+    """Raise a ValueError if a heap (HDF5's collection of texts) has an object of size 0, because
+    the HDF5 library (2.0) loops forever on it.
+    content: the bytes of the file."""
     at = content.find(HEAP)
     while at >= 0:
         end = min(at + int.from_bytes(content[at + 8 : at + 16], "little"), len(content))
@@ -56,9 +57,10 @@ def _check_heaps(content: mmap.mmap) -> None:
 
 
 def attribute(file: "h5py.File", name: str) -> Any:
-    """Return an attribute of a file as a text or a number, also from an array of one, as the C
-    library and netCDF write it. None if there is no such attribute or it is of another kind: on
-    lists of a kind that it does not know, the HDF5 library crashes."""
+    """Return an attribute of a file as text or a number.
+    The value may be stored in an array of one element, as the C library and netCDF do. Returns None
+    if there is no such attribute, or if it is of another type. Types are checked first, because the
+    HDF5 library crashes on lists of a type that it does not know."""
     from h5py import h5t
 
     if name not in file.attrs:
@@ -75,8 +77,8 @@ def attribute(file: "h5py.File", name: str) -> Any:
 
 
 def local_item(file: "h5py.File", name: str) -> Any:
-    """Return the group or data set of that name ("a/b"), if it is stored in this very file; None if
-    there is none or only soft or external links lead to it."""
+    """Return the group or data set with a name such as "a/b", if it is stored in this file. Returns
+    None if there is none, or if a soft or external link leads to it."""
     import h5py
 
     found: Any = file
@@ -90,10 +92,10 @@ def local_item(file: "h5py.File", name: str) -> Any:
 
 
 def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """Return an entire data set of numbers as an array. path: the file's, for its size and for
-    messages. Raises ValueError for anything but numbers stored in this very file, and for a data
-    set that claims more than the file can contain; HandbenchError for one that does not fit into
-    memory."""
+    """Return a whole data set of numbers as an array.
+    path: of the file, for its size and for messages. Raises ValueError for anything but numbers
+    stored in this file, and for a data set that claims more bytes than the file can contain. Raises
+    HandbenchError for a data set that does not fit into memory."""
     import h5py
 
     if (found := local_item(file, name)) is None:
@@ -119,9 +121,10 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
 
 
 def _check_pieces(found: "h5py.Dataset", name: str) -> None:
-    """Raise a ValueError for a compressed piece (chunk) of a data set that unpacks to more bytes
-    than the data set declares, for which the HDF5 library would take all memory, and for too many
-    pieces or an unknown compression. name: of the data set, for messages."""
+    """Check the compressed chunks of a data set, in which HDF5 stores it.
+    name: of the data set, for messages. Raises ValueError for a chunk that unpacks to more bytes
+    than declared, for which the HDF5 library would take all memory; for too many chunks; and for an
+    unknown compression."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
         raise ValueError(
             f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces"

@@ -1,5 +1,6 @@
-"""Limits of input: an untrusted file is refused before it costs seconds or gigabytes. Each limit is
-far above the needs of handbench's own files and of those of the known programs (docs/files.md)."""
+"""Limits of input files, by which an untrusted file is refused before it costs seconds or
+gigabytes. Each limit is far above the needs of handbench's own files and of those of other
+supported programs (docs/files.md)."""
 
 import re
 from typing import Any
@@ -34,8 +35,8 @@ LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \
 
 
 def require_shallow(values: Any) -> Any:
-    """Return `values`, plain values in lists and mappings; ValueError if these are nested deeper
-    than DEEPEST levels."""
+    """Return `values` (plain values in lists and mappings) unchanged. Raises ValueError if they are
+    nested deeper than 32 levels (DEEPEST)."""
     level = [values]
     for _ in range(DEEPEST + 1):
         inner = [

@@ -1,6 +1,6 @@
-"""MATLAB's files before version 7.3 (`save -v6`, `-v7`), by MathWorks' "MAT-File Format": arrays of
-numbers only. Version 7.3 is HDF5. (SciPy's reader, which is compiled, crashes on some broken
-files.)"""
+"""Reader of MATLAB files before version 7.3 (`save -v6`, `-v7`), for arrays of numbers only, after
+MathWorks' "MAT-File Format". Files of version 7.3 are HDF5. (SciPy's reader, which is compiled,
+crashes on some broken files.)"""
 
 import struct
 import zlib
@@ -21,9 +21,10 @@ KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8",
 
 
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of numbers in a MATLAB file by name, with the order of axes reversed, as
-    HDF5 would store them. Raises ValueError for a broken file and for arrays that unpack to more
-    than ARRAY_BYTES."""
+    """Return the numeric arrays of a MATLAB file: name → array, with the order of axes reversed, as
+    in a MATLAB file stored as HDF5.
+    Raises ValueError for a broken file, and for arrays that unpack to more than 256 MB
+    (ARRAY_BYTES)."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
         raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
@@ -55,8 +56,9 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
 
 
 def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield the elements that follow one another in `content`, each as its kind (a number of the
-    format) and its bytes. order: of the bytes, "<" or ">"."""
+    """Yield the data elements that follow one another in `content`, each as its type (a number of
+    the MAT-file format) and its bytes.
+    order: byte order, "<" or ">"."""
     at = 0
     while at + TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, at)
@@ -69,8 +71,9 @@ def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview
 
 
 def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
-    """Return a variable as {name: array}; empty for a text, a structure and other kinds. matrix:
-    the bytes of its element; order: of the bytes, "<" or ">"."""
+    """Decode a MATLAB variable: {name: array}, empty for text, structures and other classes without
+    numbers.
+    matrix: bytes of the variable's element in the file; order: byte order, "<" or ">"."""
     (_, flags), (_, shape), (_, name), *parts = islice(_elements(matrix, order), 5)
     [kind] = np.frombuffer(flags[:4], f"{order}u4")
     if kind & 0xFF not in NUMBERS:

@@ -1,5 +1,5 @@
-"""Threads over independent parts of a computation, whose number never changes results, and helpers
-for processes that a caller's script starts.
+"""Threads for independent parts of a computation, whose number never changes results; and helpers
+for starting processes.
 
 This module imports no library that counts the cores, so that a process can restrict its cores
 first.
@@ -25,8 +25,9 @@ Item = TypeVar("Item")
 
 
 def workers() -> int:
-    """Return the number of threads to use: HANDBENCH_WORKERS if set, else the number of cores
-    available to this process."""
+    """Return the number of threads to use: HANDBENCH_WORKERS if set, otherwise the number of cores
+    available to this process. Raises HandbenchError if HANDBENCH_WORKERS is not a whole number from
+    1 on."""
     wanted = os.environ.get("HANDBENCH_WORKERS", "")
     if wanted and not (wanted.isdigit() and int(wanted)):
         raise HandbenchError(
@@ -36,11 +37,12 @@ def workers() -> int:
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
-    """Call function(item) for all items, in threads on all cores; return when all are done. The
-    first exception stops the items that have not begun, and is raised.
+    """Call function(item) for all items in several threads, and return when all are done. The first
+    exception is raised; items that have not begun are then skipped.
 
-    Inside, BLAS uses one thread, since nested threads would cost 2.5–3 times the CPU time. A single
-    item, a single worker, or a call from one of these threads runs without new threads.
+    In the calls, BLAS uses one thread, because nested threads would cost 2.5–3 times the CPU time.
+    No new threads are used for a single item, with a single worker, or if one of these threads
+    calls `for_each` again.
     """
     items = list(items)
     with one_blas_thread():
@@ -69,15 +71,17 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
 
 
 def one_blas_thread() -> AbstractContextManager[None]:
-    """Context in which BLAS uses one thread, for small matrix products outside `for_each`."""
+    """Context manager in which BLAS uses one thread, for small matrix products outside
+    `for_each`."""
     return _blas().limit(limits=1, user_api="blas")
 
 
 @contextmanager
 def script_left_out() -> Iterator[None]:
-    """Context in which new processes do not run the caller's script. To unpickle the script's
-    objects, multiprocessing's "spawn" runs it, so that one without `if __name__ == "__main__"`
-    would start all over again."""
+    """Context manager in which new processes do not run the user's script.
+    With the start method "spawn", multiprocessing runs the script in a new process to be able to
+    unpickle its objects. A script without `if __name__ == "__main__"` would then start all over
+    again."""
     script = sys.modules["__main__"]
     # of two threads the second would take what the first has hidden for what the script has
     with _hiding:
@@ -91,9 +95,9 @@ def script_left_out() -> Iterator[None]:
 
 
 def begin_process(cores: list[int], parent: int) -> None:
-    """Set up this process as a helper of the process `parent`: it uses only the given cores, leaves
-    Ctrl-C to its parent, and is killed when its parent ends, since otherwise it could write into
-    the folders of the next run."""
+    """Set up this process as a helper of the process with the id `parent`.
+    It uses only the given cores, leaves Ctrl-C to its parent, and is killed when its parent ends;
+    otherwise it could write into the folders of the next run."""
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.getppid() != parent:

@@ -1,5 +1,5 @@
-"""Untrusted picture files: the header is compared with the file's size before a pixel is
-decoded."""
+"""Reading of untrusted picture files: the header is compared with the size of the file before any
+pixel is decoded."""
 
 import io
 import re
@@ -41,9 +41,10 @@ else:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Context that yields a picture file, open and not yet decoded. Raises a HandbenchError for one
-    that cannot be opened or decoded, here or in the block, and for one whose header claims so many
-    pixels that decoding would take too long or too much memory."""
+    """Context manager that yields a picture file, opened but not yet decoded.
+    Raises HandbenchError if the file cannot be opened or decoded, also if decoding fails in the
+    block, and if its header claims so many pixels that decoding would take too long or too much
+    memory."""
     # a file takes memory for what it says it has
     content = io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))
     try:
@@ -69,14 +70,14 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 
 def _inside(content: bytes) -> str:
-    """Return the name of the HEIC or AVIF format of a file's content, for a message: telephones
-    hand such pictures on under the names of JPEG files."""
+    """Return words for a message if a file's content is HEIC or AVIF, such as ", but HEIC"; ""
+    otherwise. Telephones store such pictures under the names of JPEG files."""
     brand = content[8:12].decode("latin-1").upper() if content[4:8] == b"ftyp" else ""
     return f", but {brand}" if brand.isalnum() else ""
 
 
 def is_deep(image: Image.Image) -> bool:
-    """True for a picture of 16 bits per channel, even where Pillow's mode would shorten it to 8."""
+    """Tell whether a picture has 16 bits per channel, even if Pillow would read it with 8."""
     return ";16" in str(getattr(image, "tile", ""))
 
 
@@ -103,8 +104,9 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
 
 
 def _scans(content: bytes) -> int:
-    """Return how many passes over its pixels a JPEG file makes, from its markers; counting stops
-    soon after MOST_SCANS. Raises ValueError for too many markers. content: the file's bytes."""
+    """Return the number of scans of a JPEG file, in each of which a decoder goes over all pixels.
+    Counting stops soon after 32 scans (MOST_SCANS).
+    content: the bytes of the file. Raises ValueError for too many markers."""
     count, at = 0, 2
     for _ in range(MOST_MARKERS):
         if not (found := MARKER.search(content, at)):

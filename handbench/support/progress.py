@@ -16,9 +16,10 @@ def say(text: str) -> None:
 
 
 def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """Yield `items` one by one and show the progress on stderr: a bar on a terminal, else a line at
-    most every 10 s, with the remaining time if the number of items is known. description: the work,
-    in words; total: the number of items, if they have no length."""
+    """Yield `items` one by one and show the progress on stderr.
+    On a terminal this is a bar. Elsewhere it is a line at most every 10 s, with the remaining time
+    if the number of items is known. description: the work, in words; total: number of items, if
+    `items` has no length."""
     total = total if total is not None else len(items) if isinstance(items, Sized) else None
     # bars of several processes would draw over each other
     if sys.stderr.isatty() and parent_process() is None:

@@ -1,5 +1,4 @@
-"""Ray casting and nearest points with open3d's Embree and trees. Only this module imports
-open3d."""
+"""Ray casting with open3d's Embree scenes. Only this module imports open3d."""
 
 import ctypes
 import os
@@ -22,8 +21,8 @@ WINDOWS = "open3d.visualization"  # which imports a web server
 
 
 def _windows(name: str) -> ModuleType:
-    """Import and return the part of open3d that `load_open3d` leaves out, on its first use. Raises
-    AttributeError for any other name."""
+    """Import open3d.visualization, which `load_open3d` leaves out, when it is first used; return
+    it. Raises AttributeError for any other name."""
     if f"open3d.{name}" != WINDOWS:
         raise AttributeError(f"module 'open3d' has no attribute '{name}'")
     import open3d.visualization
@@ -34,9 +33,10 @@ def _windows(name: str) -> ModuleType:
 
 @cache
 def load_open3d() -> ModuleType:
-    """Import open3d and return it. Outside notebooks, its windows and web pages, which take as long
-    to import as the rest, follow only on first use. The libusb that its wheel needs is provided,
-    and its TBB, too old for numba, is hidden from numba."""
+    """Import open3d and return it.
+    Outside notebooks, open3d.visualization is imported only when it is used, because it takes as
+    long to import as all the rest. The library libusb, which open3d's wheel needs, is loaded first.
+    numba is configured not to prefer open3d's TBB, which is too old for it."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -55,8 +55,8 @@ def load_open3d() -> ModuleType:
 
 
 def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
-    """Return a scene of triangles for Embree's ray casting. vertices_m [n, 3] in metres, stored in
-    single precision; faces [m, 3], indices of vertices."""
+    """Return an Embree scene of triangles, for casting rays.
+    vertices_m [n, 3]: metres, stored in single precision; faces [m, 3]: indices of vertices."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
     vertices, triangles = (
@@ -68,9 +68,10 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
 
 
 class Rays:
-    """Ray casting against triangles: vertices_m [n, 3] in metres, faces [m, 3]. Raises a
-    HandbenchError for a vertex farther than FARTHEST_M from the origin. `cast` counts all rays of
-    the process."""
+    """Ray casting against the triangles of a mesh.
+    vertices_m [n, 3]: metres; faces [m, 3]: indices of vertices. `Rays.cast` is the number of all
+    rays that this process has cast. Raises HandbenchError for a vertex farther than 500 m
+    (FARTHEST_M) from the origin, where single precision is too coarse."""
 
     cast = 0
 
@@ -87,15 +88,16 @@ class Rays:
     def first_hits(
         self, origins_m: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Find where each ray first meets a triangle. origins_m, directions [n, 3]. Returns the
-        distance [n] in units of the direction's length, infinite for a ray that meets none, and the
-        triangle's index [n]."""
+        """Find where each ray first hits a triangle.
+        origins_m, directions [n, 3]. Returns the distance [n] in units of the length of the
+        direction, infinite for a ray that hits nothing, and the index of the triangle [n]."""
         found = self._scene.cast_rays(self._tensor(origins_m, directions))
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def in_sight(self, points_m: np.ndarray, origins_m: np.ndarray) -> np.ndarray:
-        """Return for each point on the surface whether no triangle hides it from its origin, bool
-        [n]. points_m [n, 3]; origins_m [n, 3], or [3] for all."""
+        """Return for each point on the surface whether it is visible from its origin, so that no
+        triangle hides it: bool [n].
+        points_m [n, 3]: metres; origins_m [n, 3], or [3] for all points: metres."""
         towards = origins_m - points_m
         start = points_m + towards * (
             OWN_SURFACE_M / np.sqrt(np.einsum("ni,ni->n", towards, towards))[:, None]

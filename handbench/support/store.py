@@ -1,14 +1,14 @@
-"""The store of finished stages, each in a folder named by the hash of everything that it depends
-on.
+"""The store of finished stages on disk. Each is in a folder named by its key, the hash of
+everything that its result depends on.
 
-A stage's key is the hash of its parameters, of its inputs' content (or of the keys of the stages
-that made them), and of all code that it runs, down to the libraries' versions
-(`support.code_hash`). The code is found automatically, so a changed input, option, source file or
-library never gives a stale result.
+The key is made of the stage's parameters, of the content of its inputs (or the keys of the stages
+that made them), and of all code that it runs, down to the versions of libraries
+(`support.code_hash`). The code is found automatically. A changed input, option, source file or
+library therefore never gives an outdated result.
 
-A folder appears complete or not at all, so that killed work resumes where it stopped. Each has the
-checksums of its files, so that a flipped bit is found before the files are used, and a stamp with
-the cost of making it.
+A folder appears complete or not at all, so that an interrupted run resumes where it stopped. It
+contains checksums of its files, by which damage is found before the files are used, and a stamp
+with the cost of making it.
 """
 
 import json
@@ -45,14 +45,15 @@ LIBRARIES = (
 
 @dataclass(frozen=True)
 class Stage:
-    """A processing step whose result is kept on disk: a call of `function`, at a module's top
-    level, with a folder to fill and `arguments` (plain values and paths). Any machine that sees
-    these files can run it.
+    """A processing step whose result is stored on disk: a call of `function` with a folder to fill
+    and `arguments` (plain values and paths). Any machine that sees these files can run it. The
+    function is one at the top level of a module.
 
-    name, capture, method: what the step is about (the last two may be empty). inputs: all that the
-    result depends on besides code: values, paths of files, keys of earlier steps. plugged: values
-    that stand for code that no import reaches. code: the hash of all code that runs. key: the hash
-    of all that the result depends on.
+    name, capture, method: what the step does, for which capture and which method (the last two may
+    be empty). inputs: everything besides code on which the result depends: values, paths of files,
+    keys of earlier steps. plugged: values that identify code which cannot be found by following
+    imports, such as a plug-in. code: hash of all code that runs. key: hash of everything on which
+    the result depends.
     """
 
     name: str
@@ -74,32 +75,34 @@ class Stage:
 
     @property
     def label(self) -> str:
-        """The name that is printed, made of name, capture and method; the folder's name begins with
-        it."""
+        """Name, capture and method, joined by "-". It is printed, and the name of the step's folder
+        begins with it."""
         return "-".join(part for part in (self.name, self.capture, self.method) if part)
 
     def folder(self, root: Path) -> Path:
-        """Return the path of the folder with this step's result, in the store at `root`."""
+        """Return the path of the folder with the result of this step, in the store `root`."""
         return root / f"{self.label}-{self.key[:16]}"
 
 
 @dataclass
 class Stamp(Cost):
-    """What it cost to make a stored result, and facts of the machine that made it."""
+    """The cost of making a stored result, and facts of the machine that made it."""
 
     machine: dict[str, Any] = field(default_factory=dict)
 
 
 def stage_code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
-    """Return the hash of all code that a function runs: its module and all that this imports, as
-    this process first read them. plugged: values that stand for code that no import reaches."""
+    """Return the hash of all code that a function runs: its module and everything that this
+    imports, as this process first read it.
+    plugged: values that identify code which cannot be found by following imports, such as a
+    plug-in."""
     return content_hash(code_hash.key_of(function.__module__), plugged)
 
 
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Run a processing step, unless its complete result is in the store at `root`. Returns what it
-    cost to make the result, and whether it was there. A result whose checksums do not match is
-    reported and made again."""
+    """Run a processing step, unless the store `root` has its complete result.
+    Returns the cost of making the result, and whether it was in the store already. A result whose
+    checksums do not match is reported and computed again."""
     require_owned(root)
     folder = stage.folder(root)
     if is_owned_folder(folder):
@@ -118,8 +121,8 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
 
 
 def changed(folder: Path) -> str | None:
-    """Return in words which files of a stored result differ from their checksums, or that the list
-    of these is missing or broken; None if all is well."""
+    """Describe what is wrong with a stored result: files that differ from their checksums, or a
+    list of checksums that is missing or broken. Returns None if nothing is wrong."""
     try:
         written = json.loads(b"".join(read_owned(folder / MANIFEST)))
         expected = {name: tuple(facts) for name, facts in written.items()}
@@ -138,8 +141,8 @@ def changed(folder: Path) -> str | None:
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Return size in bytes and CRC-32 of every file below a folder except the manifest, by relative
-    path. A CRC finds accidental changes and takes 0.4 s per GB."""
+    """Compute size and CRC-32 of every file in a folder except the manifest: relative path →
+    (bytes, CRC). A CRC detects accidental changes and takes 0.4 s per GB."""
     found = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":
@@ -154,5 +157,11 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of handbench and of the libraries that every result records, by name."""
-    return {name: metadata.version(name) for name in LIBRARIES}
+    """Return the versions that every result records: library → version, for handbench and the
+    libraries that it uses; without those that are not installed, which only a part of handbench
+    needs."""
+    found = {}
+    for name in LIBRARIES:
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
+    return found

@@ -1,1 +1,2 @@
-"""The data of a radar: arrays, captures, grids, depth maps."""
+"""The data of a radar: antenna arrays, captures (recorded echoes), pixel and voxel grids, depth
+maps."""

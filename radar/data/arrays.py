@@ -1,5 +1,5 @@
-"""Antenna arrays. Radar frame: origin at the aperture's centre, z away from the array, y up, x = y
-× z."""
+"""Antenna arrays and scans, with their positions in the radar frame: origin at the aperture's
+centre, z away from the array, y up, x = y × z."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,12 +20,12 @@ FARTHEST_M = 1e7
 
 @dataclass(frozen=True)
 class Leg:
-    """One end of every path from transmitter to target to receiver: all transmitters, or all
+    """One leg of every path: from all transmitters to the target, or from the target to all
     receivers.
 
-    position_m [n, 3]: the antennas; passes: how often a path goes between target and antenna (2 for
-    a scan, there and back); channels [n]: number of channels (measured pairs) of each antenna, up
-    to a common factor.
+    position_m [n, 3]: these transmitters or receivers; passes: how often a path goes between target
+    and antenna (2 for a planar scan, there and back); channels [n]: number of channels (measured
+    pairs) of each antenna, up to a common factor.
     """
 
     position_m: np.ndarray
@@ -33,23 +33,24 @@ class Leg:
     channels: np.ndarray
 
     def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
-        """Compute the length that the leg adds to the path over a point [3], metres, for each
-        antenna: [n]."""
+        """Compute the length of this leg of the path via a point [3], metres, for each antenna:
+        [n]."""
         return self.passes * np.linalg.norm(point_m - self.position_m, axis=1)
 
     def directions(self, point_m: np.ndarray) -> np.ndarray:
-        """Unit vectors [n, 3] from the antennas to a point [3]."""
+        """Return unit vectors [n, 3] from the antennas to a point [3]."""
         towards = point_m - self.position_m
         return towards / np.linalg.norm(towards, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
 class AntennaArray:
-    """A MIMO array: every receiver receives every transmitter.
+    """A MIMO array: every receiver receives from every transmitter.
 
     tx_m [t, 3], rx_m [r, 3]: transmitters and receivers, metres. measured, bool [t, r]: the pairs
     that were measured (None: all); samples of the other pairs are 0 and add nothing to an image.
-    Raises HandbenchError for invalid positions and for a mask of another shape or without any pair.
+    Raises HandbenchError for invalid positions, and for a mask `measured` of another shape or
+    without any pair.
     """
 
     tx_m: np.ndarray
@@ -75,7 +76,7 @@ class AntennaArray:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The legs from the transmitters and to the receivers."""
+        """The two legs of the paths: transmitters to target, and target to receivers."""
         every = [np.ones(n) for n in self.channels]
         to, back = (
             every
@@ -87,8 +88,8 @@ class AntennaArray:
 
 @dataclass(frozen=True)
 class PlanarScan:
-    """One transceiver moved over position_m [n, 3], metres: each position receives its own echo
-    only."""
+    """A scan by one transceiver, which is moved over position_m [n, 3], metres, and at each
+    position receives only what it sends there."""
 
     position_m: np.ndarray
 
@@ -102,8 +103,8 @@ class PlanarScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """Both legs of the path: the first goes to the target and back; the second has length 0, so
-        that a scan has two legs like an array with one receiver."""
+        """The two legs of the paths. The first one goes to the target and back; the second has
+        length 0, so that a scan has two legs like an array with one receiver."""
         return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(
             self.position_m[:1], 0, np.ones(1)
         )
@@ -111,9 +112,9 @@ class PlanarScan:
 
 @dataclass(frozen=True)
 class BistaticScan:
-    """A transmitter and a receiver that both move: a list of pairs, in which rx_m[i] receives only
-    what tx_m[i] sends ([n, 3] each, metres). Raises HandbenchError for lists of different lengths
-    and for invalid positions."""
+    """A scan by a transmitter and a receiver that both move, as a list of antenna pairs: rx_m[i]
+    receives only what tx_m[i] sends ([n, 3] each, metres). Raises HandbenchError for lists of
+    different lengths and for invalid positions."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray
@@ -133,7 +134,8 @@ class BistaticScan:
 
     @property
     def legs(self) -> tuple[Leg, Leg]:
-        """The legs from the transmitters and to the receivers; path i joins antenna i of both."""
+        """The two legs of the paths: transmitters to target, and target to receivers. Path i goes
+        from transmitter i to receiver i."""
         return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
             self.rx_m, 1, np.ones(len(self.rx_m))
         )
@@ -142,21 +144,35 @@ class BistaticScan:
 Aperture = AntennaArray | PlanarScan | BistaticScan
 
 
-def array_legs(aperture: Aperture, lengths: Any) -> Any:
-    """Split every path into a transmitter's and a receiver's part as in an array: lengths [t, …]
-    and [r, …], whose sums are the paths.
+def channel_ends(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions of each channel's transmitter and receiver, [n, 3] each, metres, in the
+    order of one tone's flattened samples. Those of a scan with one transceiver are equal."""
+    if isinstance(aperture, AntennaArray):
+        t, r = (index.ravel() for index in np.indices(aperture.channels))
+        return aperture.tx_m[t], aperture.rx_m[r]
+    if isinstance(aperture, PlanarScan):
+        return aperture.position_m, aperture.position_m
+    return aperture.tx_m, aperture.rx_m
 
-    lengths: those of the aperture's two legs. For a list of pairs the first part becomes the whole
-    path, and the second one receiver at distance 0.
+
+def array_legs(aperture: Aperture, lengths: Any) -> Any:
+    """Split every path into a transmitter's and a receiver's part, as in an array: lengths [t, …]
+    and [r, …], of which each sum is a path.
+
+    lengths: those of the aperture's two legs. For a list of antenna pairs, the first part becomes
+    the whole path, and the second a single receiver at distance 0.
     """
     to, back = lengths
     return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
 
 
 def qar50() -> AntennaArray:
-    """Return the antenna array of the paper's radar, the 94 transmitters and 94 receivers that it
-    uses: a square frame of 14 cm with 3 mm pitch. The transmitters are on the two vertical sides
-    (the outermost 1.5 mm further out), the receivers on the two horizontal ones."""
+    """Return the antenna array of the paper's radar, with the 94 transmitters and 94 receivers that
+    the paper uses: a square frame with sides of 14 cm and a pitch of 3 mm.
+
+    The transmitters are on the two vertical sides (the outermost ones 1.5 mm further out), the
+    receivers on the two horizontal sides.
+    """
     along = np.linspace(-0.069, 0.069, 47)
     side = 0.0705
     outward = np.where(np.abs(along) > 0.068, side + 0.0015, side)
@@ -168,7 +184,7 @@ def qar50() -> AntennaArray:
 
 def load_positions(path: str | Path) -> np.ndarray:
     """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m. Raises
-    HandbenchError for a file with another content."""
+    HandbenchError for any other content."""
     columns = ["x_m", "y_m", "z_m"]
     rows = [row for _, row in read_csv(path, columns)]
     if not rows or rows[0] != columns:
@@ -192,8 +208,9 @@ def load_positions(path: str | Path) -> np.ndarray:
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:
-    """Return the frequencies [f], in hertz and in any order, as float64. Raises HandbenchError,
-    which begins with `name`, unless all are positive numbers up to HIGHEST_HZ."""
+    """Return frequencies [f], in hertz and in any order, as float64. Raises HandbenchError unless
+    all are positive numbers up to HIGHEST_HZ. name: name of the argument, with which the message
+    begins."""
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(
@@ -210,8 +227,8 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
 
 
 def positions(name: str, values: ArrayLike) -> np.ndarray:
-    """Return the positions [n, 3], in metres, as float64. Raises HandbenchError, which begins with
-    `name`, for other shapes, NaN, and coordinates beyond FARTHEST_M."""
+    """Return positions [n, 3], in metres, as float64. Raises HandbenchError for other shapes, NaN,
+    and coordinates beyond FARTHEST_M. name: name of the argument, with which the message begins."""
     given = np.asarray(values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
         raise HandbenchError(

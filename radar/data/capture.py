@@ -21,10 +21,10 @@ class RadarCapture:
     are invalid or do not fit together.
 
     samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan; frequencies_hz: [f], in any
-    order; wave_speed_m_s: in the medium in front of the antennas; source, licence: origin and
-    licence of the recording; calibration: content of the antennas' `array.json`, not applied yet
-    (`calibration.array.array_file`); sensors: other sensors that saw the scene, by name, each a
-    function (pixel grid, frame) → depths z_m [ny, nx], metres.
+    order; wave_speed_m_s: speed of waves in the medium in front of the antennas; source, licence:
+    origin and licence of the recording; calibration: content of the antennas' `array.json`, not
+    applied yet (`calibration.array.array_file`); sensors: other sensors that recorded the scene, by
+    name, each as a function (pixel grid, frame) → depths z_m [ny, nx], metres.
     """
 
     samples: np.ndarray
@@ -68,12 +68,12 @@ class RadarCapture:
             )
 
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Return the samples [f, …] of the measured tones nearest to wanted_hz [f], and these
-        tones' equivalent frequencies in vacuum [f], hertz. Only f/v enters a phase, so f·c/v makes
-        the formulas of vacuum valid in a medium.
+        """Return the samples [f, …] of the measured tones nearest to wanted_hz [f], and the
+        frequencies [f] of these tones that have the same wavelengths in vacuum, hertz. In a medium
+        with wave speed v they are f·c/v; with them the formulas for vacuum are valid.
 
-        Raises HandbenchError for a tone that was not measured, further from every measured one than
-        half their median spacing and 1 MHz, and for two tones that fall on the same measured one.
+        Raises HandbenchError for a tone that is further from every measured one than half their
+        median spacing and 1 MHz, and for two tones for which the same measured one is nearest.
         """
         wanted = np.asarray(wanted_hz, np.float64)
         index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
@@ -104,8 +104,8 @@ class RadarCapture:
 
 
 def as_complex64(samples: np.ndarray) -> np.ndarray:
-    """Convert samples to complex64. Raises HandbenchError for samples whose largest part complex64
-    cannot hold: above LOUDEST, or below QUIETEST but not 0."""
+    """Convert samples to complex64. Raises HandbenchError if complex64 cannot hold their largest
+    real or imaginary part: above LOUDEST, or below QUIETEST but not 0."""
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
         raise HandbenchError(
@@ -115,14 +115,15 @@ def as_complex64(samples: np.ndarray) -> np.ndarray:
 
 
 def largest_part(samples: np.ndarray) -> float:
-    """Largest magnitude of the real and imaginary parts; NaN if one of them is NaN."""
+    """Return the largest magnitude of all real and imaginary parts; NaN if one of them is NaN."""
     parts = _parts(samples)
     return float(np.maximum(float(parts.max(initial=0)), -float(parts.min(initial=0))))
 
 
 def scaled_to_one(samples: np.ndarray) -> np.ndarray:
-    """Scale samples by a power of two to a largest magnitude near 1. No digit is lost, and their
-    powers and sums stay within float32, whatever the receiver's unit."""
+    """Return the samples times a power of two that brings their largest magnitude near 1. No digit
+    is lost, and powers and sums of the samples stay within float32, whatever the receiver's
+    unit."""
     largest = largest_part(samples := np.asarray(samples, np.result_type(samples, np.complex64)))
     if not 0 < largest < np.inf:
         return samples
@@ -135,21 +136,21 @@ def scaled_to_one(samples: np.ndarray) -> np.ndarray:
 
 
 def _parts(samples: np.ndarray) -> np.ndarray:
-    """View complex samples as real numbers: real and imaginary parts in turn along the last
+    """View complex samples as real numbers, with real and imaginary parts in turn along the last
     axis."""
     return np.ascontiguousarray(samples).view(samples.real.dtype)
 
 
 def even_subset(count: int, most: int) -> np.ndarray:
-    """Choose at most `most` of the indices 0 to count − 1, evenly spaced, the first and the last
-    included."""
+    """Choose at most `most` of the indices 0 to count − 1, evenly spaced, including the first and
+    the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
 def thin_antennas(capture: RadarCapture, every: int) -> RadarCapture:
-    """Return a capture with every `every`-th transmitter and receiver of an array, in the file's
-    order from the first, or every `every`-th position of a scan. Raises HandbenchError for `every`
-    less than 1."""
+    """Return the capture with only every n-th transmitter and every n-th receiver of an array, n =
+    `every`, counted from the first, or with every n-th position of a scan. Raises HandbenchError
+    for n less than 1."""
     if every < 1:
         raise HandbenchError(
             f"every_nth_antenna: is {every}; expected a whole number ≥ 1 (1: all antennas)"

@@ -22,12 +22,13 @@ class DepthMap:
     """A depth map, the output of every method, on pixels at x_m [nx] × y_m [ny], metres.
 
     z_m [ny, nx]: depths, NaN off target; amplitude_db [ny, nx]: 0 at the maximum; method, config:
-    id and configuration of the method. Optional fields [ny, nx]: sigma_m: predicted standard
-    deviation (1σ) of z_m if no phase has wrapped, NaN off target. wrapped, bool: flagged pixels,
-    whose phase may have wrapped (z_m is then off by a whole period), whose tones disagree on the
-    depth, or whose depth is the first or the last one searched. p_gross: probability that z_m is
-    more than 5 mm from the nearest true surface (`radar.methods.depth_uncertainty`), NaN off
-    target.
+    id and configuration of the method.
+
+    Optional fields [ny, nx]: sigma_m: predicted standard deviation (1σ) of z_m if no phase has
+    wrapped, NaN off target. wrapped, bool: flagged pixels, whose phase may have wrapped (z_m is
+    then off by a whole period), whose tones disagree on the depth, or whose depth is the first or
+    the last one searched. p_gross: probability that z_m is more than 5 mm from the nearest true
+    surface (`radar.methods.depth_uncertainty`), NaN off target.
     """
 
     x_m: np.ndarray
@@ -41,9 +42,9 @@ class DepthMap:
     p_gross: np.ndarray | None = None
 
     def trusted(self, most: float) -> "DepthMap":
-        """Return the map with depths NaN where p_gross, the probability of a gross error, exceeds
-        `most` (0 to 1) or is unknown. Raises HandbenchError for a map without p_gross and for
-        `most` outside 0 to 1."""
+        """Return the map without unreliable depths: they are NaN where p_gross, the probability of
+        a gross error, exceeds `most` (0 to 1) or is unknown. Raises HandbenchError for a map
+        without p_gross and for `most` outside 0 to 1."""
         if self.p_gross is None:
             raise HandbenchError(
                 "the depth map has no p_gross, the probability of a gross error; make the map with "
@@ -58,9 +59,12 @@ class DepthMap:
         return replace(self, z_m=np.where(keep, self.z_m, np.nan))
 
     def checked(self, where: str | Path) -> "DepthMap":
-        """Return the map if it can be scored. Raises HandbenchError, which begins with `where` (its
-        file or argument), for arrays whose shapes or types do not fit the axes, axes that are not
-        sorted, infinite or absurd lengths, and values that no quantity of the field can have."""
+        """Return the map if it is valid. Raises HandbenchError for arrays whose shapes or types do
+        not fit the axes, axes that are not sorted, infinite or absurd lengths, and values that are
+        impossible for a field, such as a negative standard deviation.
+
+        where: file or argument of the map, with which the message begins.
+        """
         fields = {name: getattr(self, name) for name in ("z_m", "amplitude_db", *OPTIONAL)}
         maps = {name: values for name, values in fields.items() if values is not None}
         shape = self.y_m.size, self.x_m.size
@@ -97,8 +101,9 @@ class DepthMap:
 
 
 def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, str]:
-    """Find the pixels [ny, nx] whose value a field of a depth map cannot have; and say what was
-    expected. seen [ny, nx]: the pixels with a depth."""
+    """Find the pixels with values that a field of a depth map cannot have: (boolean mask [ny, nx],
+    description of valid values for the message). name: the field; seen [ny, nx]: True for pixels
+    with a depth."""
     if name == "z_m":
         return np.abs(values) > LONGEST_M, f"depths up to {LONGEST_M:g} m, and NaN off target"
     if name == "amplitude_db":
@@ -109,8 +114,8 @@ def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.nda
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
-    """Read a depth map from its .npz file. Raises HandbenchError for a file that is none, and for
-    arrays that are not `checked`."""
+    """Read a depth map from its .npz file. Raises HandbenchError for a file that is no depth map,
+    and for invalid arrays (`DepthMap.checked`)."""
     content: dict[str, Any] = read_npz(
         path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL)
     )
@@ -124,8 +129,8 @@ def load_depthmap(path: str | Path) -> DepthMap:
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:
-    """Convert amplitudes to dB relative to their maximum, 20 log10: float32, −inf for 0. Raises
-    HandbenchError for an image of zeros."""
+    """Convert amplitudes to dB relative to their maximum, 20 log10: float32, −inf for amplitude 0.
+    Raises HandbenchError if all amplitudes are zero."""
     peak = amplitude.max(initial=0.0)
     if not peak > 0:
         raise HandbenchError(

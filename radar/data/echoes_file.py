@@ -1,5 +1,8 @@
-"""The file `echoes.h5`. Version 1 holds an array or a planar scan in air; version 2 holds any
-capture and names its units, frame and time convention (docs/files.md)."""
+"""Reader and writer of the file `echoes.h5`, which contains a capture.
+
+Version 1 of the format can store an array or a planar scan in air; version 2 stores any capture,
+and names its units, frame and time convention (docs/files.md).
+"""
 
 import json
 import os
@@ -42,8 +45,8 @@ NEEDED = {  # data sets without which a file cannot be read, with their shapes
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
-    """Write a capture to the file `echoes.h5`, atomically: in version 1 of the format if that can
-    hold it, else in version 2. Raises OSError if the disk is full."""
+    """Write a capture to the file `echoes.h5`, atomically. The file has version 1 of the format if
+    that can store the capture, else version 2. Raises OSError if the disk is full."""
     import h5py
 
     data, about = _contents(capture)
@@ -66,8 +69,8 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
 
 
 def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return what a capture's file holds: its data sets by name, and its attributes in version 2,
-    {} if version 1 can hold the capture."""
+    """Return what the file of a capture contains: (data sets by name, attributes by name). The
+    attributes are those of version 2, or {} if version 1 can store the capture."""
     aperture, samples = capture.aperture, as_complex64(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
@@ -86,8 +89,8 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
 
 
 def load_capture(path: str | Path) -> RadarCapture:
-    """Read the `RadarCapture` in a file `echoes.h5`. Raises HandbenchError for a broken, foreign or
-    inconsistent file."""
+    """Read the `RadarCapture` in a file `echoes.h5`. Raises HandbenchError for a file that is
+    damaged, has another format, or has contents that do not fit together."""
     path = require_file(path, "an echoes.h5 file")
     try:
         with open_hdf5(path) as file:
@@ -151,8 +154,8 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
 
 
 def _require_complete(file: "h5py.File", lacks: list[str]) -> None:
-    """Raise HandbenchError, which names all data sets and attributes that a file lacks, and the
-    shape of its samples."""
+    """Raise HandbenchError if `lacks`, the data sets and attributes that a file does not have, is
+    not empty. The message names them all, and the shape of the file's samples."""
     if lacks:
         samples = local_item(file, "samples")
         shape = f" (samples have shape {samples.shape})" if hasattr(samples, "shape") else ""
@@ -160,9 +163,12 @@ def _require_complete(file: "h5py.File", lacks: list[str]) -> None:
 
 
 def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
-    """Check that the names `there` of a version 2 file's data sets, and its attributes, are known,
-    with allowed values; HandbenchError otherwise. known: data sets that its kind of aperture may
-    have."""
+    """Raise HandbenchError if a file of version 2 has unknown data sets or attributes, or
+    attributes with values that are not allowed.
+
+    there: names of the file's data sets; known: names that a file with its kind of aperture may
+    have.
+    """
     for names, those in (
         (there, known),
         (attributes, ("format", "version", *CONVENTIONS, *ABOUT, "sweeps")),
@@ -184,8 +190,8 @@ def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any])
 
 
 def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """Read a data set of numbers from an open file, complex ones only for samples and gains. Raises
-    ValueError for other types and for data stored outside this file."""
+    """Read a data set of numbers from an open file; only samples and gains may be complex. Raises
+    ValueError for other types, and for data that are stored outside this file."""
     values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
     if values.dtype.kind not in kinds:
         raise ValueError(

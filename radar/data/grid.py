@@ -16,8 +16,9 @@ MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper
 
 
 class Axis(Config):
-    """A range of coordinates from start_m to stop_m with a step step_m, metres; its samples are
-    `values_m`."""
+    """Evenly spaced coordinates from start_m to stop_m with the step step_m, metres. Raises
+    ValueError for an axis that is not ascending, is shorter than its step, or has too many
+    samples."""
 
     start_m: Near
     stop_m: Near
@@ -49,15 +50,15 @@ class Axis(Config):
         return int(np.floor((self.stop_m - self.start_m) / self.step_m + 1e-6)) + 1
 
     def values_m(self) -> np.ndarray:
-        """Return the samples from start, a step apart; stop is the last one if the step divides the
-        range."""
+        """Return the coordinates [count], metres, from start_m on. stop_m is the last one if the
+        step divides the range; else the last one is before it."""
         # −0.098, not −0.09799999999999999
         return np.round(self.start_m + self.step_m * np.arange(self.count), 12)
 
 
 class GridConfig(Config):
-    """Base of configurations with axes: x and y of pixels, or x, y and z of voxels. More than
-    MOST_PIXELS or MOST_VOXELS points are refused."""
+    """Base class of configurations with axes: x and y of pixels, or x, y and z of voxels. More than
+    MOST_PIXELS pixels or MOST_VOXELS voxels are an error."""
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
@@ -92,8 +93,8 @@ class PixelGrid:
     def on_map(
         self, index: np.ndarray, values: np.ndarray | float, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """Return a map [ny, nx] (float64) with values [n] at the pixels with flat indices [n] and
-        `elsewhere` at all others."""
+        """Return a map [ny, nx] (float64) that has `values` [n] at the pixels with flat indices
+        index [n], and the value `elsewhere` at all others."""
         whole = np.full(self.shape, elsewhere)
         whole.ravel()[index] = values
         return whole
@@ -105,8 +106,8 @@ class PixelGrid:
     def placed(
         self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan
     ) -> np.ndarray:
-        """Put values [ny', nx'] of a `part` of this grid into a map [ny, nx] of the whole grid,
-        with `elsewhere` outside that part."""
+        """Return a map [ny, nx] of the whole grid from values [ny', nx'] on a rectangular part of
+        it (`part`). Outside that part, the map has the value `elsewhere`."""
         if part is self:
             return values
         whole = np.full(self.shape, elsewhere)
@@ -124,8 +125,8 @@ class PixelGrid:
 @dataclass(frozen=True)
 class VoxelGrid:
     """Voxels at x_m [nx] × y_m [ny] × z_m [nz], metres, each ascending, evenly spaced or not.
-    Volumes are stored as [nz, ny, nx]. Raises HandbenchError for axes that do not ascend or lie too
-    far away."""
+    Volumes are stored as [nz, ny, nx]. Raises HandbenchError for axes that do not ascend, and for
+    coordinates too far away for phases in float64."""
 
     x_m: np.ndarray
     y_m: np.ndarray
@@ -154,7 +155,7 @@ class VoxelGrid:
 
     @property
     def pixels(self) -> PixelGrid:
-        """The grid's x and y as pixels, for maps of one value per line along z."""
+        """The pixels at the grid's x_m and y_m, for maps with one value per line along z."""
         return PixelGrid(self.x_m, self.y_m)
 
     def points_at_m(self, index: np.ndarray) -> np.ndarray:
@@ -169,7 +170,7 @@ class VoxelGrid:
 
 
 def bounding_box(mask: np.ndarray) -> tuple[slice, slice]:
-    """Return the smallest rectangle that holds every true pixel of a mask [ny, nx]: (slice of rows,
-    slice of columns)."""
+    """Return the smallest rectangle that contains every True pixel of a mask [ny, nx]: (slice of
+    rows, slice of columns)."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -1,4 +1,5 @@
-"""Recordings: the content of a capture file in any layout, converted to a `RadarCapture`."""
+"""Recordings: the numbers in a capture file of any layout, and their conversion to a
+`RadarCapture`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -25,15 +26,15 @@ SPARSE = 8
 
 @dataclass(frozen=True)
 class Recording:
-    """The numbers of a capture file of any layout, before they are checked and converted to a
+    """The numbers in a capture file of any layout, before they are checked and converted to a
     `RadarCapture`.
 
     samples: [frame, sweep, frequency, …], last axes (tx, rx), (pair,) or (position,); a channel
-    that was not measured is NaN throughout. places_m: antenna positions by name, tx_m and rx_m [n,
-    3] or position_m [n, 3], metres. pairs [n, 2]: indices of the transmitter and the receiver of
-    each pair, from 0. gains: complex [channels] or [frequency, channels]; samples are divided by
-    them, and 0 or NaN marks a dead channel. sweeps: "mean" to average repeated sweeps, "frames" to
-    make each a frame. about: further fields of the `RadarCapture`.
+    that was not measured is NaN throughout. places_m: antenna positions by name, either tx_m and
+    rx_m or position_m, [n, 3] each, metres. pairs [n, 2]: indices of the transmitter and the
+    receiver of each pair, from 0. gains: complex [channels] or [frequency, channels]; samples are
+    divided by them, and 0 or NaN marks a dead channel. sweeps: "mean" to average repeated sweeps,
+    "frames" to make each a frame. about: further fields of the `RadarCapture`, by name.
     """
 
     samples: np.ndarray
@@ -45,9 +46,10 @@ class Recording:
     about: dict[str, Any] = field(default_factory=dict)
 
     def capture(self) -> RadarCapture:
-        """Convert to a `RadarCapture`: sweeps averaged or made frames, gains divided out, channels
-        that were not measured left out or set to 0. Raises HandbenchError for numbers that do not
-        fit together, and if no channel was measured."""
+        """Convert the recording to a `RadarCapture`. Sweeps are averaged or become frames, samples
+        are divided by the gains, and channels that were not measured are left out (of a scan or
+        list of pairs) or set to 0 (of an array). Raises HandbenchError for numbers that do not fit
+        together, and if no channel was measured."""
         self._check()
         with np.errstate(invalid="ignore", over="ignore"):  # RadarCapture refuses infinite samples
             samples, missing = self._divided()
@@ -68,7 +70,7 @@ class Recording:
         return RadarCapture(samples, self.frequencies_hz, aperture, **self.about)
 
     def _check(self) -> None:
-        """Raise HandbenchError for invalid tones, invalid pairs and shapes that do not fit
+        """Raise HandbenchError for invalid tones or pairs, and for arrays whose shapes do not fit
         together."""
         tones("frequencies_hz", self.frequencies_hz)
         places = [count for places in self.places_m.values() for count in places.shape[:1]]
@@ -94,9 +96,9 @@ class Recording:
             _check_pairs(self.pairs, *places)
 
     def _divided(self) -> tuple[np.ndarray, np.ndarray]:
-        """Average or unfold the sweeps and divide by the gains: (samples [frame, frequency,
-        channels], boolean mask [channels] of missing channels, which were not measured or are
-        dead)."""
+        """Average the sweeps, or make each a frame, and divide the samples by the gains: (samples
+        [frame, frequency, channels], boolean mask [channels] of channels that were not measured or
+        are dead)."""
         samples, missing = self.samples, np.isnan(self.samples).all(axis=(0, 1, 2))
         if self.sweeps == "frames":
             samples = samples.reshape(-1, *samples.shape[2:])
@@ -115,8 +117,12 @@ class Recording:
 
 def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
     """Join captures of one scene by several arrays, each of which receives only its own echoes, to
-    one capture of all their antennas and measured pairs. Further fields are those of the first.
-    Raises HandbenchError if the numbers of frames or tones differ, or if one is not an array."""
+    one capture with all antennas and all measured pairs. The other fields are those of the first
+    capture.
+
+    Raises HandbenchError if the numbers of frames or tones differ, or if an aperture is not an
+    array.
+    """
     from scipy.linalg import block_diag
 
     if len(captures) == 1:
@@ -147,9 +153,12 @@ def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
 def _of_pairs(
     samples: np.ndarray, t: np.ndarray, r: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, Aperture]:
-    """Convert samples [frame, f, n] of the pairs t, r [n] (indices of transmitter and receiver) to
-    an array's: (samples [frame, f, t, r], 0 for pairs that were not measured, the `AntennaArray`).
-    If few of all pairs were measured: the samples as they are and a `BistaticScan`."""
+    """Convert samples [frame, f, n] of antenna pairs to those of an array: (samples [frame, f, t,
+    r], which are 0 for pairs that were not measured, and the `AntennaArray`).
+
+    t, r [n]: indices of each pair's transmitter and receiver. If few of all possible pairs were
+    measured, the result is (unchanged samples, `BistaticScan`).
+    """
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
         return samples, BistaticScan(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))

@@ -1,11 +1,12 @@
-"""Imaging: samples → complex images at points, on pixel planes and in volumes, exact or within a
-tolerance.
+"""Imaging by backprojection: echo samples → complex images at points, on planes of pixels and in
+volumes, exact or within a tolerance.
 
-With a tolerance, images are computed by a tree of skeletons (`radar.imaging.tree`) and, on grids,
-by band-limited upsampling; their relative L2 error stays below the tolerance on any samples, white
-noise included. With None, every tone and antenna is summed. One plan (`radar.imaging.plan`) is
-executed by compiled code on the processor (`radar.imaging.cpu`) or by array code on other devices
-(`radar.imaging.gpu`).
+With a tolerance, the points are grouped into boxes, and each box is imaged from the few tones and
+antennas that represent all others there (`radar.imaging.tree`); a voxel grid is interpolated from a
+coarser grid. The relative L2 error of the image stays below the tolerance for samples that are no
+worse than white noise. With tolerance None, every tone and antenna is summed. What depends on the
+geometry only, the plan (`radar.imaging.plan`), is the same on all devices; compiled code applies it
+on the processor (`radar.imaging.cpu`), array code elsewhere (`radar.imaging.gpu`).
 """
 
 import time
@@ -51,10 +52,10 @@ Image = TypeVar("Image", bound=Callable[..., object])
 
 @dataclass
 class ImagingLoad:
-    """Time and work spent on some images, as `count_imaging` counts them.
+    """Time and work of all images made in a `count_imaging` block.
 
-    imaging_s: seconds spent on the images; terms: complex products of an exact sum over all
-    samples, one per point, tone and channel (a channel is a pair of antennas, or a position of a
+    imaging_s: seconds spent on the images; terms: number of complex products that exact sums would
+    need, one per point, tone and channel (a channel is a pair of antennas, or a position of a
     scan); tones: largest number of tones in one image.
     """
 
@@ -79,11 +80,12 @@ def count_imaging() -> Iterator[ImagingLoad]:
 
 
 def _scaled(function: Image) -> Image:
-    """Decorate an imaging function so that it accepts samples in any unit: the samples and tones
-    are checked, and samples whose sums float32 may not hold are scaled to about 1 before imaging.
+    """Decorate an imaging function so that it checks its samples and tones, and accepts samples in
+    any unit.
 
-    The image of scaled samples is scaled back, in complex128 (magnitudes of `Peaks` in float64).
-    Raises HandbenchError for invalid samples, and for sums that exceed float64.
+    Samples that float32 sums could overflow or lose are scaled to about 1 before imaging; the image
+    is then scaled back and is complex128 (the magnitudes of `Peaks` are float64). The decorated
+    function raises HandbenchError for invalid samples and for sums that exceed float64.
     """
 
     @wraps(function)
@@ -116,8 +118,11 @@ def _scaled(function: Image) -> Image:
 
 def _watched(function: Image) -> Image:
     """Decorate an imaging function f(samples, frequencies_hz, aperture, points or grid, …) so that
-    `count_imaging` counts its time and work; calls of other imaging functions within it are not
-    counted again. It also scales the samples, see `_scaled`."""
+    `count_imaging` counts its time and work.
+
+    Imaging functions that it calls itself are not counted a second time. The decorated function
+    also checks its samples, and scales those that float32 sums could not hold.
+    """
 
     function = _scaled(function)
 
@@ -153,14 +158,14 @@ def image_points(
     apart: bool = False,
     planned: bool = False,
 ) -> np.ndarray:
-    """Image points_m [..., 3], in metres, by backprojection: complex64 [...], the coherent sum of
-    all tones, or with `apart` one image per tone, [f, ...].
+    """Image points by backprojection: complex64 [...], the coherent sum of all tones, or with
+    `apart` one image per tone, [f, ...].
 
     samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
-    tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum over every tone and
-    antenna. planned: use the fast algorithm, with its plan of the geometry, even if the exact sum
-    costs less; later calls for points nearby reuse the plan. Raises HandbenchError for invalid
-    arguments.
+    points_m: [..., 3], in metres. tolerance: largest relative L2 error, 1e-6 to 0.1; None for the
+    exact sum over every tone and antenna. planned: use the fast algorithm even if the exact sum
+    costs less for these points; its plan of the geometry is cached, and later calls for points
+    nearby reuse it. Raises HandbenchError for invalid arguments.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -213,10 +218,12 @@ def image_volume(
     """Image all voxels of a grid by backprojection: complex64 [nz, ny, nx], or with `apart` one
     volume per tone, [f, nz, ny, nx]. A grid with one depth gives a plane, nz = 1.
 
-    tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum. carrier=False leaves
-    out a phase that all tones share at a voxel, if a tolerance is given: faster, and enough for
-    magnitudes and for phases between tones. Raises HandbenchError for invalid arguments and for a
-    volume beyond the memory limit (see `support.cost`).
+    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum. carrier: with a
+    tolerance, False omits a phase factor that depends on the voxel and is the same for all tones;
+    this is faster, and enough for magnitudes and for phase differences between tones. Raises
+    HandbenchError for invalid arguments and for a volume beyond the memory limit (see
+    `support.cost`).
     """
     check(tolerance)
     count = len(samples) if apart else 1
@@ -246,8 +253,13 @@ def project_volume(
     grid: VoxelGrid,
     tolerance: float | None,
 ) -> Peaks:
-    """Find the strongest voxel along z of each pixel: the `Peaks` of the volume that `image_volume`
-    would return, summed over the tones. With a tolerance, the volume is never stored as a whole."""
+    """Find the strongest voxel along z for each pixel of a volume imaged by backprojection, all
+    tones summed coherently: its index and magnitudes, as `Peaks`.
+
+    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    tolerance: largest relative L2 error, 1e-6 to 0.1, with which the volume is never stored as a
+    whole; None for the exact sum.
+    """
     check(tolerance)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
@@ -264,11 +276,11 @@ def points_executor(
     family: Family,
     executor: Callable[[TreePlan], Made],
 ) -> Made:
-    """Return what `executor` makes of a plan for imaging the points_m [n, 3] and others nearby,
-    from the cache if such a plan is there.
+    """Return the object that images points_m [n, 3], and other points nearby, with a plan of the
+    geometry: executor(plan). It is taken from the cache if an equal one was made before.
 
-    executor: class or function that takes the `TreePlan` and applies it to samples, such as
-    `CpuExecutor`. family: tolerance and other settings of the plan.
+    executor: class or function that takes a `TreePlan`, such as `CpuExecutor`; its result applies
+    the plan to samples. family: tolerance and other settings of the plan.
     """
     box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
     what = (current_device(), executor.__module__, *box)
@@ -289,11 +301,11 @@ class GridImager:
         self.upsampler = device.upsampler(plan)
 
     def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
-        """Image the coarse nodes from which all voxels are interpolated: (their grid, complex64
-        images [f or 1, nz, ny, nx] there).
+        """Image the coarse nodes from which all voxels are interpolated: (grid of the nodes,
+        complex64 images [f or 1, nz, ny, nx] at them).
 
-        samples: complex [f, t, r] or [f, n]. z_m: the voxel grid's depths, or [1], the depth of the
-        plane, for an imager of planes.
+        samples: complex [f, t, r] or [f, n]. z_m: depths of the voxel grid; if the imager is for
+        single planes, [1], the depth of this plane.
         """
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
@@ -318,8 +330,9 @@ def check(tolerance: float | None) -> None:
 
 
 class _Device(NamedTuple):
-    """The implementation of imaging on one device: executor applies a plan to samples, upsampler
-    interpolates from coarse nodes to voxels, and exact_images sums every tone and antenna."""
+    """The implementation of imaging on one device. executor: makes from a plan the object that
+    applies it to samples; upsampler: makes from a grid's plan the object that interpolates coarse
+    nodes to voxels; exact_images: sums every tone and antenna."""
 
     executor: Callable[[TreePlan], Any]
     upsampler: Callable[[GridPlan], Any]
@@ -327,16 +340,18 @@ class _Device(NamedTuple):
 
 
 def _device() -> _Device:
-    """Return the implementation for the current device."""
+    """Return the functions that make images on the current device."""
     if current_device() == "cpu":
         return _Device(cpu.CpuExecutor, cpu.CpuUpsampler, cpu.exact_images)
     return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
 
 
 def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Predict the time of exact sums over `images` (number of points times number of tones): report
-    a long one, and raise HandbenchError for one beyond the limit. `what` names the work in the
-    message. Only on the processor; the rates of other devices are unknown."""
+    """Predict how long exact sums take on the processor. A long time is reported; one beyond the
+    limit raises HandbenchError. On other devices, whose speed is unknown, do nothing.
+
+    images: number of points times number of tones; what: name of the work in the message.
+    """
     if current_device() == "cpu":
         require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
 
@@ -344,8 +359,8 @@ def _require_time(images: int, aperture: Aperture, what: str) -> None:
 def _grid_imager(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
 ) -> GridImager:
-    """Return the imager of a grid, from the cache if it is there. The imager of a plane (a grid
-    with one depth) also serves planes at nearby depths."""
+    """Return the imager of a voxel grid, from the cache if an equal one was made before. The imager
+    of a plane (a grid with one depth) is also reused for planes at nearby depths."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
         box = lattice_box(*grid.ends_m)

@@ -1,15 +1,15 @@
-"""Certificates: upper bounds of an image's relative error, from some of its voxels and exact sums
-in float64.
+"""Certificates: upper bounds of an image's relative error, measured at some of its voxels by exact
+sums in float64.
 
-The tolerance holds for echoes that are no worse than white noise. Echoes with a weak image
-(leakage, a target outside the box, adversarial data) can exceed it, and a bound that holds for all
-echoes is far too loose for given ones (Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖ ‖samples‖, u(p)
-the steering vector and ũ(p) its skeleton approximation). A certificate therefore samples the image:
-it compares a few voxels with the sum over every tone and antenna in float64. Half of the voxels are
-drawn uniformly, half with a probability proportional to their power; importance weights make their
-mean squared error an unbiased estimate of the whole image's. For a projection, whose voxels are not
-stored, these voxels are recomputed from the coarse nodes; the upsampler's arithmetic is covered by
-tests, not by the certificate.
+The tolerance of imaging holds for echoes that are no worse than white noise. Echoes with a weak
+image (leakage, a target outside the box, adversarial data) can exceed it, and a bound that holds
+for all echoes is far too loose for given ones (Cauchy–Schwarz: |error at p| ≤ ‖u(p) − ũ(p)‖
+‖samples‖, u(p) the steering vector and ũ(p) the one that fast imaging uses). A certificate
+therefore tests the image itself: it compares a few voxels with the float64 sum over every tone and
+antenna. Half of the voxels are drawn uniformly, half with a probability proportional to their
+power; importance weights make their mean squared error an unbiased estimate of the whole image's.
+The volume of a projection is not stored, so its drawn voxels are interpolated again from the coarse
+grid; the arithmetic of the fast interpolation is covered by tests, not by the certificate.
 """
 
 from collections.abc import Callable, Iterator
@@ -38,8 +38,7 @@ NEGLIGIBLE = 1e-2  # weights of far nodes below this share of the tolerance are 
 
 @dataclass
 class Certificate:
-    """A measured bound of the error of images, collected while the certificate is open
-    (`certified`).
+    """A measured bound of the error of all images made in a `certified` block.
 
     bound: upper bound of the relative L2 error of the worst of these images; images: their number.
     """
@@ -50,11 +49,12 @@ class Certificate:
     def add(
         self, error: np.ndarray, weight: np.ndarray, mean_square: np.ndarray, factor: float
     ) -> None:
-        """Raise the bound to that of one more image, if it is larger.
+        """Count one more image, and raise `bound` to this image's bound if that is larger.
 
         error [f or 1, n]: complex errors at n compared voxels; weight [n]: their importance
-        weights, so that the weighted mean estimates that of all voxels; mean_square [f or 1]: of
-        the whole image; factor: on the estimated relative error, for the few voxels compared.
+        weights, so that the weighted mean square error estimates that of all voxels; mean_square [f
+        or 1]: mean |image|² over all voxels; factor: safety factor on the estimated relative error,
+        because only few voxels are compared.
         """
         mean = (np.abs(error) ** 2 * weight).mean(axis=1)
         relative = np.divide(
@@ -91,9 +91,12 @@ def imaging_error(
     count: int = 500,
     seed: int = 0,
 ) -> float:
-    """Estimate the relative L2 error of a volume [nz, ny, nx] from `count` random voxels: the root
-    mean square of their differences from exact sums in float64, over the root mean square of the
-    whole volume. seed: of the random choice."""
+    """Estimate the relative L2 error of a volume [nz, ny, nx] from `count` random voxels.
+
+    The error is the root mean square of the differences between these voxels and exact float64
+    sums, divided by the root mean square of the whole volume. samples: the echoes that were imaged,
+    complex [f, t, r] or [f, n]; seed: seed of the random choice of voxels.
+    """
     check_samples(samples, frequencies_hz, aperture)
     picked = np.random.default_rng(seed).integers(0, image.size, count)
     exact = exact_sums(samples, frequencies_hz, aperture, grid.points_at_m(picked))[0]
@@ -109,9 +112,12 @@ def certify_points(
     aperture: Aperture,
     points_at_m: Callable[[np.ndarray], np.ndarray],
 ) -> None:
-    """Compare some of the images [f or 1, rows, n] with exact sums, and add the error to the open
-    certificate; without one, do nothing. points_at_m: function from flat indices [k] of an image to
-    points [k, 3], metres."""
+    """Compare some pixels of images [f or 1, rows, n] with exact sums, and add their error to the
+    certificate of the surrounding `certified` block. Outside such a block, do nothing.
+
+    samples: the echoes that were imaged; points_at_m: function from flat indices [k] of an image to
+    the points [k, 3] there, in metres.
+    """
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _live_antennas(samples, aperture)
@@ -135,8 +141,12 @@ def certify_nodes(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
 ) -> None:
-    """Compare some voxels, interpolated from the coarse nodes' images [f or 1, nz, ny, nx], with
-    exact sums, and add the error to the open certificate; without one, do nothing."""
+    """Compare some voxels of a grid with exact sums, and add their error to the certificate of the
+    surrounding `certified` block. Outside such a block, do nothing.
+
+    The voxels are interpolated from `images` [f or 1, nz, ny, nx], which were computed at the
+    coarse grid `nodes` of the plan.
+    """
     if (certificate := _opened.get()) is None:
         return
     samples, aperture = _live_antennas(samples, aperture)
@@ -165,9 +175,12 @@ def certify_nodes(
 
 
 class ImagePower:
-    """The power of images [f or 1, rows, n], from which voxels are drawn. A pixel at row i, column
-    j represents rows[i] × counts[j] voxels. of_rows [f or 1, rows] and `along` are relative to
-    `largest`², the square of the largest real or imaginary part, so that float32 holds them."""
+    """The power of images [f or 1, rows, n], by which pixels are drawn at random.
+
+    rows [rows], counts [n]: the pixel at row i, column j represents rows[i] × counts[j] voxels.
+    largest: largest absolute real or imaginary part. The power of each row, of_rows [f or 1, rows],
+    and the result of `along` are in units of largest², so that float32 can hold them.
+    """
 
     def __init__(self, images: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> None:
         self.images, self.rows, self.counts = images, rows, counts
@@ -188,22 +201,23 @@ class ImagePower:
         return int(self.rows.sum()) * int(self.counts.sum())
 
     def mean_square(self) -> np.ndarray:
-        """Return the mean |O|² of each image over the voxels that its pixels represent: [f or
+        """Return the mean |O|² of each image O over all voxels that its pixels represent: [f or
         1]."""
         return self.of_rows @ self.rows / self.voxels * self.largest**2
 
     def along(self, row: np.ndarray) -> np.ndarray:
-        """Return the power of the pixels in some rows [k], relative to `largest`² and summed over
-        the images: [k, n]."""
+        """Return the power of all pixels of the rows with indices `row` [k], summed over the
+        images, in units of `largest`²: [k, n]."""
         return (np.abs(self.images[:, row] / self.largest).astype(np.float64) ** 2).sum(axis=0)
 
 
 def draw_places(bright: ImagePower, count: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Draw `count` pixels of images, half of them evenly over the voxels, half in proportion to
-    power: ((rows, columns), each [count], and weights [count]).
+    """Draw `count` pixels of images at random, half of them uniformly over the voxels that the
+    pixels represent, half in proportion to power: ((row indices, column indices), weights), each
+    [count].
 
-    The weighted mean of a quantity over the drawn pixels has the quantity's mean over all voxels as
-    expectation. The same images always give the same pixels.
+    The expected value of the weighted mean of a quantity over the drawn pixels is the mean of this
+    quantity over all voxels. The same images always give the same pixels.
     """
     rows, counts, power = bright.rows, bright.counts, bright.of_rows.sum(axis=0)
     generator = np.random.default_rng(len(rows) * len(counts))
@@ -226,9 +240,10 @@ def _count(samples: np.ndarray) -> int:
 
 
 def _live_antennas(samples: np.ndarray, aperture: Aperture) -> tuple[np.ndarray, Aperture]:
-    """Leave out antennas whose samples are all zero: (samples, aperture). The sum is the same and
-    cheaper, so more voxels are compared; where few antennas are left, many boxes keep all of them
-    and are exact."""
+    """Leave out the antennas whose samples are all zero: (samples, aperture) of the others.
+
+    The image is the same and its exact sum cheaper, so that more voxels can be compared.
+    """
     live: np.ndarray = samples[0]
     if not live.all():
         live = np.any(samples, axis=0)
@@ -247,8 +262,8 @@ def _axes(grid: VoxelGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _voxel(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, voxel: np.ndarray) -> np.ndarray:
-    """Interpolate the envelope (the image without its carrier) at one voxel, indices [3] (z, y, x),
-    from the nodes around it: [f or 1]."""
+    """Interpolate the image without its carrier (a fast phase that is the same for all tones) at
+    one voxel, indices [3] (z, y, x), from the images at the coarse nodes around it: [f or 1]."""
     (z, of_z), (y, of_y), (x, of_x) = (
         resampler.of(int(at), NEGLIGIBLE * plan.tolerance)
         for resampler, at in zip((plan.z, plan.y, plan.x), voxel, strict=True)

@@ -1,8 +1,8 @@
-"""The device of imaging: the processor's cores (cpu), or array code on a CUDA device (cuda, by
-CuPy) or in numpy (numpy, to test the array code without a CUDA device); phases and distances as
-array code over either module (`xp`).
+"""The device that computes images: the processor's cores (cpu), a CUDA device by CuPy (cuda), or
+numpy (numpy), which runs the code for CUDA devices without one, for tests.
 
-The device is a setting of the whole process, in the environment variable HANDBENCH_DEVICE: worker
+Phases and distances are array code for either array module (argument `xp`: numpy or cupy). The
+device is a setting of the whole process, in the environment variable HANDBENCH_DEVICE: worker
 threads see it and child processes inherit it. The command line sets it from --device.
 """
 
@@ -60,9 +60,9 @@ def use_device(name: str | None) -> Iterator[None]:
 
 
 def array_module(device: str | None = None) -> ModuleType:
-    """Return the array module of a device (None: the current one): numpy, or cupy for cuda. Raises
-    HandbenchError if CuPy is not installed or finds no device, and for cpu, which runs no array
-    code."""
+    """Return the array module in which a device (None: the current one) computes: numpy, or cupy
+    for cuda. Raises HandbenchError if CuPy is not installed or finds no CUDA device, and for cpu,
+    which runs compiled code instead."""
     device = device or current_device()
     if device == "numpy":
         return np
@@ -89,7 +89,8 @@ def array_module(device: str | None = None) -> ModuleType:
 
 
 def _try(xp: ModuleType) -> None:
-    """Compute a sine and a product, to detect a missing compiler or cuBLAS before a run."""
+    """Compute a cosine and a matrix product with an array module, so that a missing compiler or
+    cuBLAS is found before a run. Raises HandbenchError if that fails."""
     try:
         to_host(xp.matmul(xp.cos(xp.zeros((2, 2), np.float32)), xp.ones((2, 2), np.float32)))
     except Exception as error:
@@ -106,8 +107,8 @@ def to_host(array: Array) -> np.ndarray:
 
 
 def describe(device: str | None = None) -> str:
-    """Describe a device (None: the current one) as results record it: its name, for cuda with the
-    card's."""
+    """Return the name of a device (None: the current one) that results record: cpu, numpy, or cuda
+    with the name of the graphics card."""
     device = device or current_device()
     if device != "cuda":
         return device
@@ -128,6 +129,6 @@ def cis(xp: ModuleType, turns: Array) -> Array:
 
 
 def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
-    """Compute |p − a| in float64, in numpy or cupy (`xp`), for points given as arrays (x, y, z) and
-    antennas (x, y, z) that broadcast."""
+    """Compute the distances |p − a| in float64 with the array module `xp` (numpy or cupy). points_m
+    and antennas_m: three coordinate arrays each (x, y, z), in metres, that broadcast."""
     return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))

@@ -1,4 +1,4 @@
-"""The strongest voxels along z of a volume: all that a projection needs."""
+"""The strongest voxels along z of a volume, from which projections compute their depths."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def _none() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Peaks:
-    """The strongest voxel along z of each pixel of a volume.
+    """The strongest voxel along z for each pixel of a volume.
 
-    index [ny, nx]: its place along z. magnitude [3, ny, nx]: of the voxel before it, of itself and
-    of the voxel behind it (NaN beyond the volume). rival, second [ny, nx]: place and magnitude of
-    the second strongest voxel (-1: none). error: root mean square error of a voxel that the image's
-    tolerance allows.
+    index [ny, nx]: index of this voxel along z. magnitude [3, ny, nx]: magnitudes of the voxel
+    before it, of itself and of the voxel behind it (NaN beyond the volume). rival, second [ny, nx]:
+    index and magnitude of the second strongest voxel (−1 if there is none). error: root mean square
+    error of a voxel's magnitude that the tolerance of the image allows.
     """
 
     index: np.ndarray
@@ -38,15 +38,15 @@ class Peaks:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:
-        """Return peaks with uninitialised arrays for pixels of `shape` [ny, nx], to be filled
-        in."""
+        """Return peaks for pixels of `shape` [ny, nx] whose arrays are allocated but not yet
+        filled."""
         magnitude, index = np.empty((3, *shape), np.float32), np.empty((2, *shape), np.int64)
         return cls(index[0], magnitude, index[1], np.empty(shape, np.float32), error)
 
 
 def strongest_voxels(volume: np.ndarray) -> Peaks:
-    """Find the strongest voxels along z of an exactly imaged volume [nz, ny, nx], complex: `Peaks`
-    with error 0."""
+    """Find the strongest voxel along z for each pixel of an exactly imaged, complex volume [nz, ny,
+    nx]: `Peaks` with error 0."""
     peaks = Peaks.empty(volume.shape[1:])
     for row in range(volume.shape[1]):
         here = slice(row, row + 1)
@@ -72,9 +72,13 @@ def root_mean_square(image: np.ndarray) -> float:
 
 @njit(**FAST)
 def strongest(re, im, index, magnitude, rival, second):  # type: ignore[no-untyped-def]
-    """Find the strongest voxels along z of a volume given by its real and imaginary parts re, im
-    [nz, ny, nx], float32, and write them to the four arrays, which have the shapes of the fields of
-    `Peaks`."""
+    """Find the strongest and the second strongest voxel along z for each pixel of a volume with
+    real and imaginary parts re, im [nz, ny, nx], float32.
+
+    The results are written to the other arguments: index, rival [ny, nx] (indices along z),
+    magnitude [3, ny, nx] (of the voxel before, at and behind the strongest) and second [ny, nx]
+    (magnitude of the second strongest).
+    """
     nz, ny, nx = re.shape
     best, next_best = np.empty(nx, np.float32), np.empty(nx, np.float32)
     where, beside = np.empty(nx, np.int32), np.empty(nx, np.int32)

@@ -1,9 +1,9 @@
-"""Plans: everything that imaging and simulation compute from the geometry only, for a box or a
-grid.
+"""Plans: everything that imaging and simulation compute from the geometry alone, for a box of
+points or a voxel grid.
 
 A plan uses no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) apply
-it to samples: images of points, their adjoint, and volumes by band-limited upsampling. Plans are
-cached per geometry.
+it to samples, for images of points, for their adjoint (echoes of points), and for volumes by
+band-limited upsampling. Plans are cached per geometry.
 """
 
 import hashlib
@@ -57,8 +57,9 @@ _lock = Lock()
 
 
 class SortedPoints(NamedTuple):
-    """Points sorted by the boxes of a plan: points_m [3, n]; order [n], their indices before
-    sorting; starts [leaves + 1], where the points of each leaf (smallest box) begin."""
+    """Points sorted by the leaves (smallest boxes) of a plan: points_m [3, n]; order [n], their
+    indices before sorting; starts [leaves + 1], the index at which the points of each leaf
+    begin."""
 
     points_m: np.ndarray
     order: np.ndarray
@@ -66,12 +67,12 @@ class SortedPoints(NamedTuple):
 
 
 class TreePlan:
-    """The division of a box into smaller boxes for fast imaging and simulation of points in it: the
-    box into cells, each cell into leaves.
+    """The division of a box into smaller boxes, for fast imaging and simulation of points in it:
+    the box is divided into cells, each cell into leaves.
 
-    Each box keeps only the tones and antennas that its points need (`radar.imaging.tree`).
-    root_node and top_node hold those of all space and of the whole box; cells and leaves are
-    planned when points fall into them.
+    Each of these boxes keeps only the tones and antennas that its points need
+    (`radar.imaging.tree`). root_node has those of all space and top_node those of the whole box;
+    the others are computed for the cells and leaves that contain points, when they are used.
     """
 
     def __init__(
@@ -94,32 +95,35 @@ class TreePlan:
         self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
     def touched(self, where: SortedPoints) -> list[int]:
-        """Return the numbers of the cells that hold any of the sorted points."""
+        """Return the numbers of the cells that contain at least one of the sorted points."""
         begin = where.starts[:: self.leaves_per_cell]
         return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
 
     def cost(self, where: SortedPoints | None = None) -> float:
-        """Return the cost of planning the cells and leaves that hold the sorted points (None: all
-        cells and leaves). Unit: one term of the exact sum, for one point, tone and channel."""
+        """Return the cost of planning those cells and leaves that contain sorted points, or all of
+        them if `where` is None. Unit: one term of the exact sum, for one point, tone and
+        channel."""
         nodes = self.count * (1 + self.leaves_per_cell)
         if where is not None:
             nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
         return nodes * self.node_cost
 
     def cell(self, cell: int) -> Node:
-        """Return the node (tones, antennas and their weights) of the cell with this number; it is
-        computed anew at each call."""
+        """Compute the node (tones, antennas and their weights) of the cell with this number, anew
+        at each call."""
         place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
         box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
         return child_node(self.top_node, box, self.family)
 
     def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Return the nodes of the wanted leaves of a cell, by their number within the cell."""
+        """Compute the nodes (tones, antennas and their weights) of some leaves of a cell, as a
+        dictionary. `wanted` and the keys are the leaves' numbers within the cell."""
         boxes = split(cell.box, self.leaves)
         return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
-        """Sort points [n, 3] of the box, in metres, by cell and leaf."""
+        """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that
+        contain them."""
         counts = self.cells * self.leaves
         extent = np.maximum(self.box.high_m - self.box.low_m, np.finfo(float).tiny)
         place = np.clip(((points_m - self.box.low_m) / extent * counts).astype(int), 0, counts - 1)
@@ -132,14 +136,17 @@ class TreePlan:
 
 
 class GridPlan:
-    """The coarse nodes of a voxel grid, and the interpolation (`Resampler`) from them to the grid's
-    axes x, y and z. With `planes`, it serves any single plane between the grid's first and last z.
+    """The coarse grid of nodes that is imaged in place of a voxel grid, and the interpolation
+    (`Resampler`) from the nodes to all voxels along x, y and z.
 
-    tree: plan for imaging the nodes; None where the exact sum is used instead, since compressing
-    tones and antennas costs more than it saves (too many antennas, too few nodes).
+    planes: the plan serves any single plane between the grid's first and last z. tree: plan for
+    imaging the nodes; None if they are summed exactly, because choosing few tones and antennas
+    costs more than it saves (too many antennas, too few nodes).
 
-    Only the image's envelope is interpolated: without the carrier, exp(jk_c Σ R_reference) times a
-    ramp to the middle of its band, it varies as slowly as the array's angles and bandwidth allow.
+    Only the image's envelope is interpolated, which is the image divided by its carrier and varies
+    as slowly as the array's angles and bandwidth allow. The carrier is exp(jk_c R) times a linear
+    phase that centres the band of spatial frequencies; R is the path from the mean position of the
+    transmitters to the voxel to that of the receivers, and k_c the middle wavenumber.
     """
 
     def __init__(
@@ -186,22 +193,23 @@ class GridPlan:
         self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
-        """Return the grid of the coarse nodes. z_m [1]: depth of the plane if the plan is for
-        planes; else it is ignored."""
+        """Return the grid of the coarse nodes. z_m [1]: depth of the plane, if the plan is for
+        single planes; otherwise ignored."""
         return VoxelGrid(self.nodes.x_m, self.nodes.y_m, z_m) if self.planes else self.nodes
 
     def carrier_at(self, grid: VoxelGrid, xp: Any = np) -> Array:
-        """Compute the carrier at a grid's voxels, the fast phase that is removed before
-        interpolation and restored after it: complex64 [nz, ny, nx]. xp: numpy or cupy, the module
-        that computes it."""
+        """Compute the carrier at all voxels of a grid: complex64 [nz, ny, nx]. The carrier is the
+        fast phase factor that is removed from images before interpolation and restored after it.
+        xp: the array module that computes it, numpy or cupy."""
         z, y, x = (
             xp.asarray(axis) for axis in (grid.z_m[:, None, None], grid.y_m[:, None], grid.x_m)
         )
         return self.carrier_of(x, y, z, xp)
 
     def carrier_of(self, x: Array, y: Array, z: Array, xp: Any = np) -> Array:
-        """Compute the carrier, complex64, at coordinates x, y, z in metres, whose arrays broadcast.
-        xp: numpy or cupy."""
+        """Compute the carrier, the fast phase factor that is removed from images before
+        interpolation, at coordinates x, y, z (metres, arrays that broadcast): complex64. xp: the
+        array module that computes it, numpy or cupy."""
         turns_per_m, passes, reference_m, ramp = self.carrier
         turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
         for count, reference in zip(passes, reference_m, strict=True):
@@ -211,9 +219,12 @@ class GridPlan:
     def _envelopes(
         self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
     ) -> np.ndarray:
-        """Compute what single channels contribute to an image, without the carrier, at points_m [n,
-        lines, 3]: complex64 [n, lines, m]. The m channels are combinations of the outermost and the
-        middle antennas of both legs, at the lowest and the highest tone."""
+        """Compute what single channels contribute to an image, without its carrier, at points_m [n,
+        lines, 3]: complex64 [n, lines, m].
+
+        The m channels combine the outermost and the middle antennas of both legs (transmitters and
+        receivers) at the lowest and the highest tone.
+        """
         path_m = sum(
             leg.passes
             * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
@@ -226,8 +237,11 @@ class GridPlan:
         return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
-        """Sort the nodes by the tree's cells and leaves. The result is cached; for planes it is
-        reused at other depths if all leaves lie in one layer along z."""
+        """Sort the nodes by the tree's cells and leaves.
+
+        The result is kept for the next call. If the plan is for single planes, it is reused at
+        another depth only if all leaves are in one layer along z.
+        """
         if self.planes and tree.cells[2] * tree.leaves[2] > 1:
             return tree.sort(nodes.points_m().reshape(-1, 3))
         if self._sorted is None:
@@ -240,23 +254,25 @@ class GridPlan:
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
-    """Return the outermost of antennas [n, 3] along x, y and z, and the one nearest to their mean:
-    [7, 3]."""
+    """Return the antennas with the least and the largest x, y and z among position_m [n, 3], and
+    the one nearest to their mean: [7, 3]."""
     middle = np.linalg.norm(position_m - position_m.mean(axis=0), axis=1).argmin()
     return position_m[[*position_m.argmin(axis=0), *position_m.argmax(axis=0), middle]]
 
 
 def node_cost(aperture: Aperture) -> float:
-    """Return the cost of planning a cell or a leaf, in terms (point × tone × channel) of an array's
-    exact sum."""
+    """Return the cost of choosing tones and antennas for one box (a cell or a leaf). Unit: one term
+    of an array's exact sum, for one point, tone and channel."""
     antennas = [float(len(leg.position_m)) for leg in aperture.legs]
     return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:
-    """Return the cost of an exact sum over `images` (number of points times number of tones), in
-    terms (point × tone × channel) of an array's. A term of a scan counts SCAN times, since it is
-    slower."""
+    """Return the cost of an exact sum. Unit: one term of an antenna array's exact sum, for one
+    point, tone and channel; a term of a scan costs SCAN of these, since it is slower.
+
+    images: number of points times number of tones.
+    """
     return (
         float(images)
         * prod(aperture.channels)
@@ -265,8 +281,13 @@ def exact_terms(images: int, aperture: Aperture) -> float:
 
 
 def carriers(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    """Return the reference path whose phase is the carrier of images: how often each leg is passed
-    [2], and reference points [2, 3] in metres, the mean of each leg's antennas."""
+    """Return the reference path whose phase is the carrier of images. It goes from the mean
+    position of the transmitters to the point and on to that of the receivers.
+
+    Returns (how often the path passes each of the two legs [2], mean positions [2, 3] in metres).
+    The path of a planar scan passes its one leg twice and the other, which has no length, zero
+    times.
+    """
     passes = np.array([float(leg.passes) for leg in aperture.legs])
     return passes, np.array([leg.position_m.mean(axis=0) for leg in aperture.legs])
 
@@ -275,7 +296,9 @@ def bands(
     frequencies_hz: np.ndarray, aperture: Aperture, box: Box
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the lowest and the highest spatial frequency of an image along x, y, z within the
-    box, after the carrier exp(jk_c Σ R_reference) is removed: [3] and [3], rad/m."""
+    box, after its carrier exp(jk_c R) is removed: ([3], [3]), rad/m. R is the path from the mean
+    position of the transmitters to the point to that of the receivers, and k_c the middle
+    wavenumber."""
     wavenumber = 2 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S
     k_c = (wavenumber.min() + wavenumber.max()) / 2
     axes = [
@@ -328,11 +351,12 @@ def get_or_compute(
     family: Family,
     build: Callable[[], Built],
 ) -> Built:
-    """Return the plan (or its executor) for this geometry from the cache; if it is not there,
-    compute it by build() and keep it.
+    """Return the plan (or the executor made from it) for this geometry from the cache; if there is
+    none, compute it by build() and cache it.
 
-    The key is made of `what` (kind of plan, and arrays or values it depends on), the tones, the
-    antenna positions and the settings `family`. The cache holds the CACHED plans used last.
+    The key is made of `what` (a name of the kind of plan, and arrays or values that it depends on),
+    the tones, the antenna positions and the settings `family`. The cache keeps the CACHED plans
+    used last.
     """
     digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
     for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:

@@ -1,4 +1,5 @@
-"""An image by the formula as it stands, in numpy: what every faster path is compared with."""
+"""Backprojection by its formula, in plain numpy: the reference that every faster implementation is
+compared with."""
 
 import numpy as np
 
@@ -12,10 +13,12 @@ def image_points_exact(
     receivers_m: np.ndarray,
     points_m: np.ndarray,
 ) -> np.ndarray:
-    """Image O(p) = Σ_f Σ_t Σ_r S_f[t, r] exp(+j2πf(|p − t| + |p − r|)/c): complex128 [n].
+    """Compute the image O(p) = Σ_f Σ_t Σ_r S_f[t, r] exp(+j2πf(|p − t| + |p − r|)/c) at points p:
+    complex128 [n].
 
-    samples: S, complex [f, t, r]; frequencies_hz: [f]; transmitters_m, receivers_m, points_m:
-    metres, [t, 3], [r, 3], [n, 3]. ValueError where the shapes do not fit.
+    samples: S, complex [f, t, r] for tones, transmitters and receivers; frequencies_hz: [f];
+    transmitters_m [t, 3], receivers_m [r, 3] and points_m [n, 3]: positions in metres. Raises
+    ValueError if the shapes do not fit.
     """
     ends_m = (transmitters_m, receivers_m)
     to_m, back_m = (np.linalg.norm(points_m - end_m[:, None], axis=2) for end_m in ends_m)

@@ -1,9 +1,11 @@
-"""Skeletons: few members of a band-limited family from which all others are interpolated.
+"""Skeletons: the few members of a band-limited family of functions from which all others are
+interpolated.
 
-For antennas and tones this is an interpolative decomposition. For the fine samples of an axis it is
-band-limited upsampling from coarse nodes: for a spectrum within ±w, fine = W · nodes with W = K_fn
-(K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ), the least-squares solution for a spectrum that is concentrated at
-±w; a flat one (K = sinc) has three times larger errors there.
+For the waves of antennas and tones, the skeleton comes from an interpolative decomposition. For the
+fine samples of an axis, it is a coarser set of nodes, and interpolation is band-limited upsampling:
+for a spectrum within ±w, fine = W · nodes with W = K_fn (K_nn + λI)⁻¹ and K(Δ) = J₀(wΔ). This is
+the least-squares solution for a spectrum that is concentrated at ±w; that for a flat spectrum (K =
+sinc) has three times larger errors there.
 """
 
 from collections.abc import Callable
@@ -34,11 +36,12 @@ Waves = Callable[[np.ndarray], np.ndarray]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the members of a family (tones, or antennas) from which all n can be interpolated, by
-    pivoted Cholesky decomposition of their kernel `gram` [n, n], positive semi-definite with unit
-    diagonal, until none is further than `tolerance` from the span of those chosen.
+    """Choose those members of a family (of tones or antennas) from which all n can be interpolated:
+    (indices s [k], real weights X [k, n]) with member_i ≈ Σ_m X[m, i] · member_s[m].
 
-    Returns indices s [k] and real weights X [k, n] with member_i ≈ Σ_m X[m, i] · member_s[m].
+    gram [n, n]: kernel (inner products) of the members, positive semi-definite with unit diagonal.
+    Its pivoted Cholesky decomposition chooses members until no other is further than `tolerance`
+    from the span of those chosen.
     """
     index, factor = _pivoted_cholesky(np.ascontiguousarray(gram, np.float64), tolerance**2)
     # G_ss⁻¹ G_s,all with G = factorᵀ factor; the checks of solve_triangular would take a quarter of
@@ -48,9 +51,12 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 
 
 def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarray:
-    """Compute the kernel Π J₀(w (a − b)) [n, m] for a [n, d], b [m, d] and half_band w [d]: the
-    correlation of waves at a and b whose spectrum is concentrated at the band's edges. The kernel
-    of a flat spectrum, sinc, has three to four times larger errors there for as many members."""
+    """Compute the correlation Π J₀(w (a − b)) of waves at points a [n, d] and b [m, d] whose
+    spectrum is concentrated at the edges ±w of a band: [n, m]. half_band [d]: w along each axis.
+
+    For an interpolation with as many nodes, the kernel of a flat spectrum, sinc, has three to four
+    times larger errors at the band's edges.
+    """
     gram = np.ones((len(a), len(b)))
     for x, y, w in zip(a.T, b.T, half_band, strict=True):
         if w > 0 and (np.ptp(x) > 0 or np.ptp(y) > 0):
@@ -92,8 +98,9 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
 class Resampler:
     """Interpolation along an axis from coarse nodes_m [n] to fine samples.
 
-    windows: pieces of the axis, each (slice of fine samples, slice of the nodes that they need,
-    float32 weights [fine, nodes]). Without windows, the nodes are the fine samples.
+    windows: pieces of the axis, each (slice of fine samples, slice of the nodes that they are
+    interpolated from, float32 weights [fine, nodes]). If there are no windows, the nodes are the
+    fine samples themselves.
     """
 
     nodes_m: np.ndarray
@@ -116,8 +123,9 @@ class Resampler:
         return fine
 
     def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
-        """Return the slice of nodes that one fine sample (by index) is interpolated from, and their
-        weights; weights below `least` at the slice's ends are left out."""
+        """Return the slice of nodes from which the fine sample with index `fine` is interpolated,
+        and their weights. Nodes at the slice's ends whose weights are below `least` in magnitude
+        are left out."""
         for here, of, weights in self.windows:
             if fine < here.stop:
                 row = weights[fine - here.start]
@@ -128,8 +136,9 @@ class Resampler:
         return slice(fine, fine + 1), np.ones(1, np.float32)
 
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
-        """Cut the windows into pieces of at most `most` fine samples: (slice of fine samples, slice
-        of nodes, weights [fine, nodes], or None where nodes and fine samples are the same)."""
+        """Divide the interpolation into pieces of at most `most` fine samples: a list of (slice of
+        fine samples, slice of nodes, weights [fine, nodes]). The weights are None if the nodes are
+        the fine samples themselves."""
         whole = slice(0, len(self.nodes_m))
         pieces: list[tuple[slice, slice, np.ndarray | None]] = []
         for fine, of, weights in self.windows or ((whole, whole, None),):
@@ -143,12 +152,12 @@ class Resampler:
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
-    """Find the interpolation to fine_m [n] (ascending, metres) from the fewest nodes that
-    reproduces every wave with a spatial frequency within ±half_band (rad/m) with a relative L2
-    error of at most `tolerance`; the fine samples themselves are the nodes if that saves nothing.
+    """Find the interpolation to samples at fine_m [n] (ascending, metres) from as few nodes as
+    possible, such that every wave with a spatial frequency within ±half_band (rad/m) has a relative
+    L2 error of at most `tolerance`. If that saves nothing, the samples themselves are the nodes.
 
-    The search begins at the number of degrees of freedom that such waves have to that error
-    (Slepian 1983), which few nodes stay below.
+    The search begins at the number of degrees of freedom that such waves have at this error
+    (Slepian 1983); fewer nodes are hardly ever enough.
     """
     extent = fine_m[-1] - fine_m[0]
     c = max(extent * half_band / 2, 1.0)
@@ -179,13 +188,14 @@ def resampler_for_channels(
     places_m: np.ndarray,
     waves: Waves,
 ) -> Resampler:
-    """Find a `resampler` along one axis of a grid (`along`: 0, 1, 2 for x, y, z) that also
-    reproduces what single channels contribute to an image.
+    """Find the interpolation from coarse nodes to samples fine_m [n] (ascending, metres) along one
+    axis of a grid, such that it also reproduces what single channels contribute to an image.
 
-    It is checked on lines through all combinations of places_m [n, 3] in the other axes; waves:
-    function from points [n, lines, 3] to these contributions, without the carrier, [n, lines, m].
-    They are chirps, which leak out of the band; half_band (rad/m) is widened until they are
-    reproduced.
+    along: the axis, 0, 1, 2 for x, y, z. These contributions are chirps, whose spectrum leaks out
+    of the band ±half_band (rad/m); the band is widened until they are reproduced too. waves:
+    function from points [n, lines, 3] to the contributions of m channels, without the image's
+    carrier, [n, lines, m]. They are compared on lines along the axis through all combinations of
+    the other two coordinates of places_m [n, 3].
     """
     sides = list(
         product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along))
@@ -211,17 +221,18 @@ def resampler_for_channels(
 
 
 def _crowded(intervals: int) -> np.ndarray:
-    """Return positions of intervals + 1 nodes from 0 to 1, evenly spaced except near the ends,
-    where they are closer: nothing is known beyond an end, and denser nodes cost less than further
-    nodes outside."""
+    """Return the positions of intervals + 1 nodes from 0 to 1, evenly spaced except near both ends.
+    There they are closer, because interpolation lacks neighbours beyond an end, and denser nodes
+    cost less than further nodes outside."""
     from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
     nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
     return nodes / nodes[-1]
 
 
 def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """Cut an axis of `intervals` node intervals into windows that hold fine samples: (slice of fine
-    samples, slice of nodes). Uneven axes may leave some windows empty; these are left out."""
+    """Divide an axis into windows of at most about WINDOW node intervals: a list of (slice of fine
+    samples, slice of nodes that they are interpolated from). Windows without fine samples, which
+    unevenly sampled axes can have, are left out."""
     bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
     edges = np.searchsorted(fine_m, nodes_m[bounds])
     edges[0], edges[-1] = 0, len(fine_m)

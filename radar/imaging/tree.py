@@ -1,8 +1,10 @@
-"""The tree of boxes of fast imaging: each box keeps the few of its parent's tones and antennas that
-it needs.
+"""The tree of boxes of fast imaging: each box keeps only the few of its parent's tones and antennas
+that the image of its points needs.
 
-Within a small box, most tones and antennas are linear combinations of few. With ΔR_a(p) = R_a(p) −
-R_a(c) about the box's centre c and samples S in the parent's local phases, a box's samples are
+Within a small box, the waves of most tones and antennas are linear combinations of those of a few.
+Let R_a(p) be the distance from antenna a to point p, ΔR_a(p) = R_a(p) − R_a(c) its difference from
+that to the box's centre c, and S the parent's samples without the phase of the paths to the
+parent's centre. The box's samples are then
 
     M[m, a, b] = Σ_f Σ_t Σ_r  L[m, f] X[a, t] Y[b, r] e^{jk_f(R_t(c) + R_r(c))} S[f, t, r],
 
@@ -63,12 +65,13 @@ class Box(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalLeg:
-    """The antennas of a leg (all transmitters, or all receivers) that a box of the tree keeps.
+    """The antennas of one leg of the paths (all transmitters, or all receivers) that a box of the
+    tree keeps.
 
-    position_m [n, 3]; number [n]: index of each among all of the leg's antennas; passes: how often
-    a path passes the leg (2 for a scan, there and back). length_m [n]: passes times the distance
-    from the antenna to the box's centre; the phase of this path is removed from the samples (0 in
-    the root).
+    position_m [n, 3]; number [n]: index of each among all transmitters or receivers; passes: how
+    often a path goes between target and antenna (2 for a planar scan, there and back); length_m
+    [n]: passes times the distance from the antenna to the box's centre, the path whose phase is
+    removed from the box's samples (0 in the root of the tree).
     """
 
     position_m: np.ndarray
@@ -77,18 +80,21 @@ class LocalLeg:
     number: np.ndarray
 
     def only(self, index: np.ndarray, length_m: np.ndarray) -> "LocalLeg":
-        """Keep the antennas with these indices [k], with their lengths among length_m [n]."""
+        """Return the leg with only the antennas at these indices [k]. length_m [n]: new path
+        lengths of all its antennas to a box's centre, of which theirs are kept."""
         return LocalLeg(self.position_m[index], self.passes, length_m[index], self.number[index])
 
 
 @dataclass(frozen=True)
 class Node:
-    """A box of the tree, with the tones turns_per_m [k] = f/c and the antennas (legs) that it
-    keeps, and the weights that combine its parent's samples into its own.
+    """A box of the tree with the tones and antennas that it keeps, and the weights that combine the
+    samples of its parent box into its own.
 
-    tone_weights [k, parent's k] and, per leg, leg_weights [n, parent's n] are real; empty ones keep
-    all tones or antennas. shifts_m [parent's n]: paths whose phase is applied to the parent's
-    samples before, to move from its centre to this box's.
+    turns_per_m [k]: f/c of the kept tones; legs: the kept transmitters and the kept receivers.
+    tone_weights [k, parent's k] and, for transmitters and receivers, leg_weights [n, parent's n]
+    are real; empty weights mean that all tones or antennas are kept. shifts_m, for transmitters and
+    receivers [parent's n]: path lengths whose phase is applied to the parent's samples first, to
+    move their phase reference from the parent's centre to this box's.
     """
 
     box: Box
@@ -103,9 +109,10 @@ class Family(NamedTuple):
     """Settings that all boxes of a tree share.
 
     tolerance: relative L2 error; apart: keep all tones, for one image per tone; whole: keep all
-    antennas. For simulation: delay_m: largest extra path of echoes, metres; pattern: exponent q of
-    the antennas' pattern cosᵠθ if echoes have gains (1/R and pattern), None if not; beside: sine of
-    the largest angle between a diffracted wave and the straight ray.
+    antennas. The others are for simulation: delay_m: largest extra path of echoes, metres; pattern:
+    None if echoes have no gains, else the exponent q of the antennas' pattern cosᵠθ, with which
+    waves have the gains 1/R and cosᵠθ; beside: sine of the largest angle between a diffracted wave
+    and the straight ray.
     """
 
     tolerance: float
@@ -117,14 +124,18 @@ class Family(NamedTuple):
 
 
 def needs_direct_sum(aperture: Aperture) -> bool:
-    """Return True for an aperture whose images are summed exactly, because compressing its antennas
-    does not pay: more than CROWDED antennas on one side (a raster scan has tens of thousands of
-    positions), or a list of pairs."""
+    """Return True for an aperture whose images are always summed exactly, because choosing few of
+    its antennas costs more than it saves.
+
+    These are apertures with more than CROWDED antennas on one side (a raster scan has tens of
+    thousands of positions), and lists of antenna pairs.
+    """
     return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
 
 
 def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
-    """Return the root of the tree: all tones and antennas, no phase removed from the samples."""
+    """Return the root of the tree of boxes: it keeps all tones and antennas, and no phase is
+    removed from its samples."""
     counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
     legs = tuple(
         LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
@@ -138,8 +149,11 @@ def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
 
 
 def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = False) -> Node:
-    """Choose the tones and antennas that a box inside its parent's box needs, and the weights that
-    combine the parent's samples into those of the box. keep_antennas: reduce the tones only."""
+    """Choose the tones and antennas that a box needs, and compute the weights that combine the
+    samples of its parent, a larger box around it, into the samples of this box.
+
+    keep_antennas: choose among the tones only, and keep all antennas.
+    """
     lengths = [
         leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs
     ]
@@ -155,7 +169,8 @@ def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = Fal
 
 
 def split(box: Box, parts: np.ndarray) -> list[Box]:
-    """Split a box into equal pieces, parts [3] along x, y, z; z varies fastest in the list."""
+    """Split a box into parts[0] × parts[1] × parts[2] equal boxes along x, y, z; z varies fastest
+    in the list."""
     edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
     return [
         Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))
@@ -163,8 +178,12 @@ def split(box: Box, parts: np.ndarray) -> list[Box]:
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
-    """Group points [n, 3] into clusters that are compact enough for one plan each: lists of
-    indices. Boxes are halved until they hold at most SPARSE cubes of half a wavelength."""
+    """Group points [n, 3] into clusters that are each compact enough for one plan: a list of index
+    arrays.
+
+    The points' bounding box is halved until each box has a volume of at most SPARSE cubes of half a
+    wavelength.
+    """
     half_wavelength_m = SPEED_OF_LIGHT_M_S / np.max(frequencies_hz) / 2
     parts, near = [np.arange(len(points_m))], []
     while parts:
@@ -182,12 +201,12 @@ def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarra
 def _tones(
     parent: Node, box: Box, lengths: list[np.ndarray], family: Family
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the tones from which all others follow within the box: (their indices, real weights
-    [chosen, all]; empty weights: all are kept).
+    """Choose the tones of which all others are linear combinations within the box: (indices of the
+    chosen, real weights [chosen, all]; with empty weights all are kept).
 
-    lengths: per leg, paths [n] from the parent's antennas to the box's centre, metres. Paths within
-    the box differ from them by at most d = Σ_legs max|ΔR|, which bounds the phases as functions of
-    the wavenumber.
+    lengths: for transmitters and receivers, the paths [n] from the parent's antennas to the box's
+    centre, metres. Paths to other points of the box differ from those by at most d = Σ_legs
+    max|ΔR|, so that the phases, as functions of the wavenumber, are band-limited to ±d.
     """
     every = np.arange(len(parent.turns_per_m))
     if family.apart or len(every) <= 2:
@@ -206,15 +225,19 @@ def _tones(
 def _antennas(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the antennas of one leg from which all others follow within the box: (their indices,
-    real weights [chosen, all]; empty weights: all are kept). With them, e^{jk(R_a(p) − R_a(c))} is
-    known for every antenna, for p in the box, its centre c and all tones.
+    """Choose the transmitters, or the receivers, whose waves give those of all others within the
+    box by linear combination: (indices of the chosen, real weights [chosen, all]; with empty
+    weights all are kept).
 
-    The waves are sampled, not bounded by a band: near the aperture they are chirps, whose spectrum
-    leaks out of any band. Real weights that fit the waves also fit their conjugates, so the real
-    part of the Gram matrix is enough. Gains are part of the waves: in a small box few antennas
-    determine all phases, but not how 1/R and the obliquity vary from one to the next. A box around
-    an antenna keeps all of them, because the distance has a kink there.
+    The wave of antenna a is e^{jk(R_a(p) − R_a(c))} for points p in the box, its centre c and all
+    tones. The waves are sampled, not bounded by a band: near the aperture they are chirps, whose
+    spectrum leaks out of any band. Real weights that fit the waves also fit their conjugates, so
+    the real part of the Gram matrix is enough. In simulations, gains are part of the waves: in a
+    small box few antennas determine all phases, but not how 1/R and the pattern vary from one
+    antenna to the next. A box around an antenna keeps all antennas, because the distance has a kink
+    there.
+
+    keep: choose nothing and keep all antennas.
     """
     n = len(leg.position_m)
     if keep or family.whole or n == 1:
@@ -232,8 +255,12 @@ def _antennas(
 def _reduced(
     reduce: Reduce, box: Box, turns_per_m: np.ndarray, tolerance: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Choose members by reduce(tolerance), to a share of the tolerance that depends on how many are
-    left (SHARES) and on the box's size in wavelengths: (indices, float32 weights)."""
+    """Choose tones or antennas with the function `reduce`, tolerance → (indices, weights):
+    (indices, float32 weights).
+
+    `reduce` gets a share of the given tolerance: a smaller one if few tones or antennas remain
+    (SHARES), since their errors average out less, and if the box is small in wavelengths.
+    """
     together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
     for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
         index, weights = reduce(share * tolerance)
@@ -245,8 +272,12 @@ def _reduced(
 def _family_skeletons(
     leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
 ) -> Reduce:
-    """Return the function tolerance → (indices, weights) that chooses antennas of a leg for a box.
-    More than DIRECT antennas are reduced in halves, recursively."""
+    """Return the function tolerance → (indices, weights [chosen, n]) that chooses those of n
+    transmitters, or receivers, whose waves represent the waves of all in a box.
+
+    pattern: exponent of the antennas' pattern, None for waves without gains. More than DIRECT
+    antennas are divided into halves, recursively, which are reduced separately.
+    """
     n = len(leg.position_m)
     if n > DIRECT:
         order = np.argsort(
@@ -275,8 +306,8 @@ def _family_skeletons(
 
 
 def _probes(box: Box, turns_per_m: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose sample points [count, 3] in the box, denser towards its faces, where errors are
-    largest, and a tone f/c [count] (1/m) for each."""
+    """Choose points [count, 3] in the box at which waves are sampled, and a tone f/c [count] (1/m)
+    for each. The points are denser towards the box's faces, where errors are largest."""
     across, share = _sequence(count)
     low, high = turns_per_m.min(), turns_per_m.max()
     return box.low_m + (box.high_m - box.low_m) * across, low + (high - low) * share
@@ -295,5 +326,5 @@ def _sequence(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distances(antennas_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    """Distances [a, p] between antennas [a, 3] and points [p, 3]."""
+    """Return the distances [a, p] between antennas [a, 3] and points [p, 3]."""
     return np.sqrt(((antennas_m[:, None] - points_m[None]) ** 2).sum(axis=2))

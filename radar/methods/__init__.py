@@ -1,1 +1,2 @@
-"""Depth maps from images: the methods, their presets and their registry."""
+"""Methods that compute depth maps from echoes: their algorithms, parameters, presets and
+registry."""

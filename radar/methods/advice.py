@@ -1,5 +1,5 @@
-"""Advice for a capture that does not suit a method's settings: tones that it lacks, and limits of
-its depths."""
+"""Advice for the user where a capture does not suit a method's settings: which of its tones fit,
+and what limits the depths."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.first_depth import first_depth_m
+from handbench.radar.methods.fsk_config import AnyConfig
 from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 CLIMB = 12.5  # ratio of the reaches of two successive rungs: 200 MHz to 2.5 GHz in the paper
-# a pair of tones that many times closer than the method's resolves its period
-CLOSER, CLOSEST = 3, 16
-STRONGEST = 200  # pixels whose echoes locate the target
-LEAST_COHERENCE = 0.5  # coherence of two tones' images of the same target
 # settings of one tone each, the close pair first
 TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")
 
@@ -33,8 +31,8 @@ def requested_tones_hz(config: Config) -> np.ndarray | None:
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """Raise HandbenchError for a capture without the tones that a configuration requests. If other
-    settings fit the capture's tones, the message names them."""
+    """Raise HandbenchError for a capture without the tones that a method's configuration requests.
+    If the method could use the capture's tones with other settings, the message names these."""
     if (asked := requested_tones_hz(config)) is None:
         return
     try:
@@ -53,8 +51,8 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
 
 
 def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
-    """Choose settings with which a method uses the capture's tones_hz [f], highest first: values by
-    name, of the names in `known`."""
+    """Choose settings with which a method uses the tones_hz [f] that a capture has, highest first:
+    values by the settings' names. known: names of the settings that the method has."""
     if "count" in known:
         return {
             "start_hz": float(tones_hz[-1]),
@@ -73,9 +71,9 @@ def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str,
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
-    """Yield sentences for the user on what limits a depth map of this capture's frame: ambiguous
-    depths, echoes at an end of the depth box, low range resolution, a short unambiguous range.
-    config: of the method that made it."""
+    """Yield sentences for the user on what limits the depth map of a capture's frame: ambiguous
+    depths, echoes at an end of the depth box, low range resolution, or a short unambiguous range.
+    config: configuration of the method that made the map."""
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
@@ -91,18 +89,19 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     box_mm, set_box = 1e3 * np.ptp(ends_m), settings({"z.start_m": "…", "z.stop_m": "…"})
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     wrapped = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
-    if first_m := getattr(config, "first_depth_m", None):
+    if isinstance(config, AnyConfig) and config.first_depth_m != "auto":
         limit = (
             f"the closest tones determine depths within {period_mm / 2:.0f} mm of first_depth_m = "
-            f"{first_m:g}"
+            f"{config.first_depth_m:g}"
         )
-        off_mm = 1e3 * _off_m(depth, capture, asked, frame)
-        if abs(off_mm) > period_mm / 2:
-            target_m = float(np.median(depth.z_m[seen])) + 1e-3 * off_mm
-            way = f"some {abs(off_mm):.0f} mm {'behind' if off_mm > 0 else 'before'} these depths"
+        found_m = first_depth_m(capture, config, frame)
+        near_m = float(np.median(depth.z_m[seen]))
+        if found_m is not None and abs(found_m - near_m) > 0.5e-3 * period_mm:
+            way = "behind" if found_m > near_m else "before"
             yield (
-                f"{limit}, but closer tones place the target {way}; set "
-                f"{settings({'first_depth_m': f'{target_m:.2f}'})}"
+                f"{limit}, but the echoes come from {found_m:.2f} m, some "
+                f"{1e3 * abs(found_m - near_m):.0f} mm {way} these depths; set "
+                f"{settings({'first_depth_m': 'auto'})}"
             )
         elif wrapped > seen.sum() / 2:
             yield (
@@ -130,27 +129,3 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"of {box_mm:.0f} mm"
         )
         yield f"{limit}: echoes repeat in it; {set_box}, or more tones"
-
-
-def _off_m(depth: DepthMap, capture: RadarCapture, asked_hz: np.ndarray, frame: int) -> float:
-    """Estimate how far the target lies behind the depths of a map's strongest pixels, metres, by a
-    pair of the capture's tones closer together than those requested (asked_hz), which is less
-    ambiguous; 0 without such a pair, or if its images are noise."""
-    from handbench.radar.imaging.api import image_points
-    from handbench.radar.methods.fsk import depth_step_m
-
-    first_hz, apart_hz = asked_hz[0], np.abs(capture.frequencies_hz - asked_hz[0])
-    gap_hz = np.diff(np.sort(asked_hz)).min()
-    fit = np.flatnonzero((apart_hz >= gap_hz / CLOSEST) & (apart_hz <= gap_hz / CLOSER))
-    if not len(fit):
-        return 0.0
-    pair_hz = np.array([first_hz, capture.frequencies_hz[fit[apart_hz[fit].argmin()]]])
-    samples, pair_hz = capture.tones(pair_hz, frame)
-    seen = np.flatnonzero(np.isfinite(depth.z_m))
-    strongest = seen[np.argsort(depth.amplitude_db.ravel()[seen])[-STRONGEST:]]
-    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(strongest, depth.z_m.ravel()[strongest])
-    a, b = image_points(samples, pair_hz, capture.aperture, points_m, None, apart=True)
-    # noise has no distance
-    if abs(np.vdot(a, b)) < LEAST_COHERENCE * np.linalg.norm(a) * np.linalg.norm(b):
-        return 0.0
-    return float(depth_step_m(np.vdot(a, b), np.ones(1), pair_hz[1] - pair_hz[0])[0])

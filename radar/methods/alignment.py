@@ -1,4 +1,5 @@
-"""Alignment of phases: the shift along z at which the images of several tones have the same phase.
+"""Alignment of phases: the depth of a pixel is found as the shift along z at which the images of
+several tones have the same phase.
 
 The aperture focuses on the mirror image of a smooth surface, not on the surface, so the strongest
 voxel is before or behind it; the delay is not affected. The image at z_p of a scatterer at z has
@@ -14,15 +15,15 @@ a line with variance s² per tone, the depth has the variance s² / Σ_f (k_f �
 bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over N − 1 degrees of freedom, gives the
 odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
 
-`joint` finds each pixel's depth in this way from any set of tones at once. A ladder uses one tone
-after the other, and each must resolve the next one's period; all pairs of tones together are less
-ambiguous.
+The method `joint` finds each pixel's depth in this way from any set of tones at once. FSK with a
+ladder of tones uses one tone after the other, and each must resolve the next one's period; all
+pairs of tones together are less ambiguous.
 
-For comparison, two established estimators of the shift. Capon (Proc. IEEE 57 (1969) 1408), with the
-covariance R of sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans. ASSP 33
-(1985) 806) and loaded diagonally: P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l δk Δ}. The coherence factor
-(Mallart & Fink, JASA 96 (1994) 3721) is |Σ O|² / (N Σ |O|²) of the tones' images at each depth that
-is imaged.
+Two established estimators of the shift are here for comparison. Capon (Proc. IEEE 57 (1969) 1408),
+with the covariance R of sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans.
+ASSP 33 (1985) 806) and loaded diagonally, takes the maximum of P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l
+δk Δ}. The coherence factor (Mallart & Fink, JASA 96 (1994) 3721) is |Σ O|² / (N Σ |O|²) of the
+tones' images, computed at each depth that is tried.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.depth_uncertainty import Uncertainty, speckle_spread_m
+from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import Tones, first_step, masked_mean, path_rise
 from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
 
@@ -54,9 +56,13 @@ CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
-    """Result of `align` for n pixels, each field [n]: shift_m, the shift along z at which the tones
-    agree; sigma_m, its standard deviation; coherence, P at that shift, 0 to 1; other, the
-    probability that the second highest maximum of P is the right one."""
+    """The shift along z at which the tones' images of n pixels agree, with its errors; each field
+    has shape [n].
+
+    shift_m: the shift; sigma_m: its standard deviation, metres; coherence: normalised power P of
+    the tones' sum at that shift, 0 to 1; other: probability that the second highest maximum of P is
+    the right one.
+    """
 
     shift_m: np.ndarray
     sigma_m: np.ndarray
@@ -70,8 +76,8 @@ def align(
     """Find, for n pixels, the shift along z within ±reach_m at which the images [f, n] of f ≥ 3
     tones have the same phase: an `Alignment`.
 
-    rise [n]: growth of the path per metre along z (`radar.methods.fsk.path_rise`). reach_m=None: a
-    range cell c/2B, but at most half of the period of evenly spaced tones.
+    rise [n]: growth of the path there and back per metre along z (`radar.methods.fsk.path_rise`).
+    reach_m: None for a range cell c/2B, but at most half of the period of evenly spaced tones.
     """
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
     cell_m = SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
@@ -106,12 +112,13 @@ def align(
 def filter_by_agreement(
     depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
 ) -> DepthMap:
-    """Return an aligned depth map averaged over neighbouring pixels, with predicted 1σ and flags;
-    doubtful pixels are dropped (NaN) if so configured.
+    """Average a depth map over neighbouring pixels, and add its predicted 1σ and flags: the new
+    depth map.
 
-    coherence [ny, nx]: of the tones at the depths; bandwidth_hz: of the tones. Doubtful are pixels
-    without coherence, and those just behind a nearer surface. σ² is the sum of the tones' variance
-    and that of the speckle, which the filter removes and the tones of one pixel do not show.
+    coherence [ny, nx]: coherence of the tones at the depths found; bandwidth_hz: bandwidth of the
+    tones. Doubtful pixels are those with low coherence, and those just behind a nearer surface;
+    they become NaN if config.drop_doubtful. σ² is the sum of the variance that the tones of a pixel
+    show and that of the speckle, which they do not show.
     """
     none, grid = coherence < NONE, PixelGrid(depth.x_m, depth.y_m)
     reach_px = [
@@ -134,9 +141,12 @@ def filter_by_agreement(
 
 
 def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """Return True where a depth map [ny, nx] has, within ±reach_px pixels (y, x), a depth nearer by
-    more than gap_m, metres. There, at an outline, side lobes of bright surfaces behind it are
-    stronger than the dark edge itself."""
+    """Return True for pixels of a depth map z_m [ny, nx] that have, within ±reach_px pixels (y, x),
+    a depth nearer by more than gap_m, metres.
+
+    At such an outline, the side lobes of bright surfaces behind are stronger than the dark edge
+    itself.
+    """
     nearest_m = minimum_filter(
         np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
     )
@@ -144,14 +154,16 @@ def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.
 
 
 def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of a frame from any tones at once, with predicted 1σ and flags. Raises
-    HandbenchError for a capture without the configured tones.
+    """Compute the depth map of a frame from three or more tones at once, with predicted 1σ and
+    flags. Raises HandbenchError for a capture without the configured tones.
 
-    The shift that aligns all tones is searched in a wide range around the depth of the first pair;
-    the pixels are then imaged at the depths found, and the shift is searched again.
+    The shift along z that aligns the phases of all tones is searched within config.reach_m of the
+    depths of the first two tones. The pixels are then imaged at the depths found, and a smaller
+    shift is searched; this is repeated config.fine_refinements times in all.
     """
+    config = with_first_depth(capture, config, frame)
     tones, whole = Tones.of(capture, config, frame), config.grid()
-    step, uncertainty = first_step(tones, config).cropped(), Uncertainty(config)
+    step, uncertainty = first_step(tones).cropped(), Uncertainty(config)
     z_m, amplitude = uncertainty.add(step), step.amplitude
     doubtful, reach_m = uncertainty.wrapped, config.reach_m
     for _ in range(config.fine_refinements):
@@ -193,9 +205,12 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
 def capon(
     images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float
 ) -> np.ndarray:
-    """Find, for n pixels, the shift along z within ±reach_m, metres, with the highest Capon
-    spectrum of the images [f, n] at evenly spaced tones [f]: [n]. rise [n]: growth of the path per
-    metre along z."""
+    """Find, for n pixels, the shift along z at which the Capon spectrum of the tones' images is
+    highest: [n], metres, within ±reach_m.
+
+    images: [f, n] at evenly spaced tones [f]; rise [n]: growth of the path there and back per metre
+    along z.
+    """
     half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
     bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(
         np.complex128
@@ -211,9 +226,11 @@ def capon(
 
 
 def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
-    """Find, for n pixels, the shift along z within ±reach_m, metres, at which the tones' images are
-    most coherent: [n]. image: function from a shift in metres to the tones' images [f, n] of the
-    points shifted by it."""
+    """Find, for n pixels, the shift along z at which the tones' images are most coherent: [n],
+    metres, within ±reach_m.
+
+    image: function from a shift in metres to the tones' images [f, n] at points shifted by it.
+    """
     tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
     images = map(image, tried_m)
     factors = [
@@ -228,8 +245,8 @@ def _form(inverse: np.ndarray, steering: np.ndarray) -> np.ndarray:
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:
-    """Turn the phases of images [f, n] by k · shift_m, k [f, n] in rad/m: to first order, the
-    images at points shifted along z."""
+    """Multiply images [f, n] by the phase factors e^{jk·shift_m}, k [f, n] in rad/m: to first
+    order, these are the images at points shifted along z by shift_m."""
     return np.asarray(images * np.exp(1j * k * shift_m))
 
 

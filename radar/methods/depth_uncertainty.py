@@ -1,4 +1,5 @@
-"""Uncertainty of a depth map: σ and flags from a phase, and p_gross for the depths of any method.
+"""Uncertainty of a depth map: σ and flags from the phases of FSK, and for any method p_gross, the
+probability of a gross error.
 
 White noise and speckle have no preferred phase: one quadrature of their contribution to
 O_b·conj(O_a) turns its phase, which moves the depth; the other, equally strong, changes its
@@ -8,15 +9,15 @@ phase errors. With ρ = (|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the er
     σ_z = c / (4πΔf) · σ_φ
     σ_φ = rms(ρ·A) / A   (σ_φ ∝ 1/A: noise is as strong where the echo is weak),
 
-where the mean square is the average of that over a window of a few resolution cells (speckle is
-local) and that over the whole target (a window has few independent values). No noise level is
-assumed or fitted.
+where the mean square of ρ·A is the average of two: over a window of a few resolution cells (speckle
+is local) and over the whole target (a window has few independent values). No noise level is assumed
+or fitted.
 
 p_gross is the probability, per pixel, that a depth is off by more than 5 mm from the nearest true
-surface: a logistic function of features of any method's map and its tones: the images at the depth
-found (are they coherent, and which depth do they suggest?), depth steps and echoes next to the
-pixel, the method's own σ and flags, and means over the scene, since few scenes contain most wrong
-depths. The weights of trust.toml are fitted by bench/studies/trust/measure_trust.py to scenes
+surface. It is a logistic function of features of the depth map and of images of some tones at the
+depths found: how coherent these are and which depth they suggest, depth steps and echoes next to
+the pixel, the method's own σ and flags, and means over the scene, since few scenes contain most
+wrong depths. The weights in trust.toml are fitted by bench/studies/trust/measure_trust.py to scenes
 of known surfaces; features are clipped to about the range of these scenes.
 """
 
@@ -86,9 +87,12 @@ FEATURES = (
 
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Compute the quadrature step cρ / (4πΔf), metres, of two images: a depth step as large as the
-    error of `radar.methods.fsk.depth_step_m`, which has the phase φ in place of ρ, the relative
-    difference of the amplitudes. difference_hz: Δf = f_b − f_a."""
+    """Compute the quadrature step cρ / (4πΔf) of two images, metres, which measures the error of
+    their depth step.
+
+    It has the relative difference ρ of the amplitudes in place of the phase φ of the depth step;
+    noise and speckle disturb both equally. difference_hz: Δf = f_b − f_a.
+    """
     b, a = np.abs(image_b).astype(np.float64), np.abs(image_a).astype(np.float64)
     with np.errstate(invalid="ignore"):  # an image of zeros has no confidence
         ratio = 2 * (b - a) / (b + a)
@@ -96,12 +100,12 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
 
 
 def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
-    """Predict the standard deviation (1σ) of the depth, metres, from its quadrature step (see
-    `quadrature_step_m`) and amplitude: all [ny, nx], NaN off target. window_px: window of the local
-    mean square.
+    """Predict the standard deviation (1σ) of depths [ny, nx], metres, from their quadrature steps:
+    these are depth errors that the amplitude difference of two tones shows.
 
-    The median of the quadrature step is subtracted first, if there are enough pixels: the tones may
-    differ in gain.
+    quadrature_m, amplitude: [ny, nx], NaN off target; window_px: window over which the mean square
+    is averaged, besides the whole map. If there are enough pixels, the median of the quadrature
+    steps is subtracted first, since the tones may differ in gain.
     """
     known = np.isfinite(quadrature_m)
     if not known.any():
@@ -117,12 +121,12 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
 def speckle_spread_m(
     points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int
 ) -> np.ndarray:
-    """Predict the standard deviation (1σ) of the depth that is due to speckle, which may turn all
-    tones of a pixel by the same phase: [ny, nx], metres.
+    """Predict the standard deviation (1σ) of the depth that is due to speckle: [ny, nx], metres.
+    Speckle can turn all tones of a pixel by the same phase, so that the tones do not show it.
 
-    It is measured from the deviation of the surface's points [ny, nx, 3] from their local mean,
-    over filter_px pixels (LOCAL_PX at least). spread_px: window of the mean square of these
-    deviations.
+    It is estimated from how far the surface's points [ny, nx, 3] deviate in distance from their
+    mean over filter_px pixels (LOCAL_PX at least). spread_px: window over which the mean square of
+    these deviations is averaged.
     """
     distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
@@ -130,11 +134,13 @@ def speckle_spread_m(
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
-    """Return True where a phase with predicted depth error sigma_m and an unambiguous range of
-    ±ambiguity_m is only noise: three standard deviations fill the circle.
+    """Return True for pixels whose phase is only noise: three of its standard deviations exceed
+    half a turn. sigma_m: predicted depth error; ±ambiguity_m: unambiguous range, which is half a
+    turn.
 
-    Amplitudes show σ_φ = πσ_z/a only up to that of unrelated images, σ₀; s = σ_φ/√(1 − (σ_φ/σ₀)²)
-    corrects this, and 3s > π where σ_φ exceeds (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
+    The amplitudes show the standard deviation σ_φ = πσ_z/a, a = ambiguity_m, only up to σ₀, the
+    value for unrelated images; s = σ_φ/√(1 − (σ_φ/σ₀)²) corrects this, and 3s > π where σ_φ exceeds
+    (π/3)σ₀/√((π/3)² + σ₀²) = 0.61.
     """
     most_rad = np.pi / 3 * UNRELATED_RAD / np.hypot(np.pi / 3, UNRELATED_RAD)
     return sigma_m > most_rad / np.pi * ambiguity_m
@@ -143,11 +149,11 @@ def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarr
 def wrap_probability(
     step_m: np.ndarray, sigma_m: np.ndarray, ambiguity_m: np.ndarray | float
 ) -> np.ndarray:
-    """Compute the probability that a depth step step_m from a phase, unambiguous within ±a =
-    ambiguity_m, is off by one period 2a. sigma_m: standard deviation σ of the depth before the
-    step.
+    """Compute the probability that a depth correction step_m is wrong by one period 2a, because it
+    comes from a phase that is unambiguous only within ±a = ambiguity_m.
 
-    That depth's error is N(0, σ): the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
+    sigma_m: standard deviation σ of the depth before the correction Δz. With an error of N(0, σ)
+    there, the odds of |Δz| against 2a − |Δz| are exp(−2a(a − |Δz|)/σ²).
     """
     variance_m2 = np.maximum(sigma_m, TINY_M) ** 2
     with np.errstate(over="ignore"):
@@ -155,9 +161,9 @@ def wrap_probability(
 
 
 def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of `radar.methods.fsk.fsk` with predicted 1σ and flags for pixels that
-    may be wrong, both from the method's imaging steps. If flagged pixels are to be dropped
-    (drop_wrapped), this happens after each step."""
+    """Compute the depth map of a frame by an FSK method, with predicted 1σ and flags for pixels
+    that may be wrong. With config.drop_wrapped, flagged pixels become NaN after each imaging
+    step."""
     uncertainty = Uncertainty(config)
     if isinstance(config, RefinedConfig) and config.drop_wrapped:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
@@ -170,11 +176,11 @@ def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 
 
 class Uncertainty:
     """Predicted errors and flags of a depth map, built up from the imaging steps of an FSK method:
-    call `add` for each in order, then `added_to`.
+    call `add` for each step in order, then `added_to`.
 
-    quadrature_m [ny, nx]: the last quadrature step (`quadrature_step_m`), filtered like the depths;
-    wrapped [ny, nx]: True at flagged pixels, whose phase may have wrapped or is noise. Both are on
-    the grid of the steps.
+    quadrature_m [ny, nx]: depth error, metres, that the amplitudes show in the last step
+    (`quadrature_step_m`), filtered like the depths; wrapped [ny, nx]: True at flagged pixels, whose
+    phase may have wrapped or is noise. Both are on the grid of the steps.
     """
 
     def __init__(self, config: FskConfig) -> None:
@@ -183,8 +189,8 @@ class Uncertainty:
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
     def add(self, step: FskStep) -> np.ndarray:
-        """Take in the next imaging step and return its depths [ny, nx], metres, NaN off target and,
-        if the configuration drops them (drop_wrapped), at flagged pixels."""
+        """Update errors and flags with the next imaging step, and return its depths [ny, nx],
+        metres: NaN off target and, with config.drop_wrapped, at flagged pixels."""
         if self.last is not None and isinstance(self.config, RefinedConfig):
             self.wrapped = self._surface(step, self.last, self.config)
         self.quadrature_m = quadrature_m(step)
@@ -197,7 +203,7 @@ class Uncertainty:
         return np.where(self.wrapped, np.nan, step.z_m)
 
     def added_to(self, depth: DepthMap) -> DepthMap:
-        """Return the final depth map with sigma_m, the predicted 1σ, and wrapped, the flags."""
+        """Return the final depth map with sigma_m, the predicted 1σ, and `wrapped`, the flags."""
         step = self.last
         assert step is not None
         whole = PixelGrid(depth.x_m, depth.y_m)
@@ -214,8 +220,11 @@ class Uncertainty:
         return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
     def _plane(self, step: FskStep) -> np.ndarray:
-        """Flag pixels of the first step, in the plane [ny, nx]: noise, depths behind the array, and
-        all pixels if the plane one period before or behind has the sharper image."""
+        """Flag pixels of the first imaging step, which images one plane: boolean [ny, nx].
+
+        Flagged are noise, depths behind the array, and all pixels if the plane one period before or
+        behind has the sharper image.
+        """
         noise = incoherent(
             step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor
         )
@@ -229,9 +238,11 @@ class Uncertainty:
         )
 
     def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
-        """Flag pixels of a later step, with a further tone or repeated [ny, nx]: those flagged
-        before, those where the depths by the new tone and each of the first two disagree, and those
-        that may be off by a period. before: the step before it."""
+        """Flag pixels of a later imaging step, `before` being the one before it: boolean [ny, nx].
+
+        Flagged are pixels that were flagged before, those where the depths from the last tone with
+        the first and with the second tone disagree, and those whose depth may be off by a period.
+        """
         if len(step.tones) > len(before.tones):
             self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
         # The rung below, imaged at the same points, shows wrong starting depths: a filter crossed
@@ -254,15 +265,20 @@ class Uncertainty:
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
-    """Compute the quadrature step (`quadrature_step_m`) of an imaging step [ny, nx], metres, with
-    the same average over tones and the same factor as its depth correction."""
+    """Compute the depth error, metres, that the amplitude differences between the tones of an
+    imaging step show at each pixel (`quadrature_step_m`): [ny, nx], averaged over tones and scaled
+    like the step's depth correction."""
     return step.on_map(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
 
 
 def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
-    """Return True if the plane one period before or behind the step's, where the pair of tones has
-    the same phase, has a higher peak and an image that is not more spread out: the wider resolution
-    cells of a farther plane collect echoes of several places."""
+    """Return True if the target seems to be one period before or behind the plane that an imaging
+    step has imaged, where the pair of tones has the same phases.
+
+    That is so if the image of the plane there has a higher peak and is not more spread out. The
+    second condition is needed because the wider resolution cells of a farther plane collect the
+    echoes of several places.
+    """
     tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
     planes = [
         _focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
@@ -272,11 +288,11 @@ def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
 
 
 def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
-    """Image a plane coarsely at one tone and measure its focus: (highest amplitude, area in m² that
-    the image is spread over). The area is (∫P)² / ∫P² of the power P.
+    """Image a plane coarsely at one tone and measure its focus: (highest amplitude, area in m² over
+    which the image is spread). The area is (∫P)² / ∫P² of the power P.
 
-    The points are a resolution cell λz/2D apart, and closer around the highest. Exact sums, since
-    so few points are not worth a plan.
+    The points are a resolution cell λz/2D apart, and closer around the strongest. They are summed
+    exactly, since so few points are not worth a plan.
     """
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
     cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
@@ -301,9 +317,12 @@ def with_p_gross(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> DepthMap:
     """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
-    5 mm: NaN off target, 1 for depths behind the array. Neither it nor sigma_m is smaller than the
-    antennas' resolution allows (`evidence.unresolved_m`). Maps of other sensors stay unchanged.
-    config: of the method that made the map."""
+    5 mm: NaN off target, 1 for depths behind the array.
+
+    Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
+    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Maps of other sensors
+    are returned unchanged. config: configuration of the method that made the map.
+    """
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
@@ -316,15 +335,15 @@ def with_p_gross(
 
 
 def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Compute the probabilities [n] of a logistic model from features `found` [n, k] and weights [1
-    + k], the constant first."""
+    """Compute the probabilities [n] of a logistic model from the features `found` [n, k] and the
+    weights [1 + k], the constant first."""
     return 1 / (1 + np.exp(-np.clip(weights[0] + found @ weights[1:], -30, 30)))
 
 
 @cache
 def known_weights() -> dict[str, np.ndarray]:
-    """Read the weights [1 + k] of p_gross's logistic model for each method's id, once per process;
-    "any" holds those for other methods."""
+    """Read the weights [1 + k] of the logistic model of p_gross, by method id, once per process;
+    those under "any" are for methods without their own."""
     found = tomllib.loads(WEIGHTS.read_text("utf-8"))
     return {
         id: np.array([values[name] for name in ("constant", *FEATURES)])
@@ -333,8 +352,8 @@ def known_weights() -> dict[str, np.ndarray]:
 
 
 def weights_of(method: str) -> np.ndarray:
-    """Return the weights [1 + k] of p_gross's logistic model for a method's id: its own, else those
-    of the method that it is a variant of, else those for "any"."""
+    """Return the weights [1 + k] of the logistic model of p_gross for a method's id: its own if
+    there are any, else those of the method that it is a variant of, else those for any method."""
     return next(
         known_weights()[id]
         for id in (method, method.rpartition("-")[0], "any")
@@ -345,8 +364,9 @@ def weights_of(method: str) -> np.ndarray:
 def features(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Compute what p_gross is predicted from: (flat indices [n] of the pixels with a depth in front
-    of the array, their features [n, k] in the order of FEATURES)."""
+    """Compute the features from which p_gross, the probability of a gross error, is predicted:
+    (flat indices [n] of the pixels with a depth in front of the array, their features [n, k] in the
+    order of FEATURES)."""
     on = np.nan_to_num(depth.z_m) > 0
     index = np.flatnonzero(on)
     if not len(index):
@@ -374,9 +394,12 @@ def _log(ratio: np.ndarray) -> np.ndarray:
 def _of_tones(
     depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Compute the features [n], by name, that need images: of the pixels with flat indices [n],
-    imaged at the depths found, at some of the method's tones (the capture's if the configuration
-    names none)."""
+    """Compute those features of p_gross, by name, that need images: each [n] (or one value, for all
+    pixels).
+
+    The pixels with flat indices index [n] are imaged at the depths found, at some of the method's
+    tones, or of the capture's if the configuration names none.
+    """
     tones_hz = capture.frequencies_hz if (asked := requested_tones_hz(config)) is None else asked
     some = even_subset(len(tones_hz), TONES)
     samples, f = capture.tones(tones_hz[some], frame)
@@ -407,8 +430,8 @@ def _of_tones(
 
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute the features [n], by name, that follow from the map alone: depths and amplitudes
-    around each pixel where `on` [ny, nx] is True."""
+    """Compute those features of p_gross, by name, that follow from the depth map: [n], from depths
+    and amplitudes around each of the n pixels where `on` [ny, nx] is True."""
     box = bounding_box(on)
     on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
     window = [

@@ -1,4 +1,5 @@
-"""What echoes can show at all: which tones and channels hold any, and how well antennas resolve."""
+"""Checks of whether echoes can show a depth at all: which tones and channels contain echoes, and
+how well the antennas resolve."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handbench.radar.data.arrays import AntennaArray, BistaticScan
+from handbench.radar.data.arrays import channel_ends
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.advice import requested_tones_hz
@@ -20,10 +21,13 @@ NAMED = 5  # antennas at most that a sentence names
 
 
 def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> None:
-    """Raise HandbenchError for a frame whose echoes show no depth: a tone that the configuration
-    requests holds no echo, two tones have equal samples, or the antennas with echoes are all in one
-    place along an axis of the configuration's grid, or on one line before pixels of both. A frame
-    without any echo is no error: its depth map is empty."""
+    """Raise HandbenchError for a frame whose echoes cannot show depths.
+
+    That is so if a tone that the configuration requests has no echo, if two tones have equal
+    samples, if all antennas with echoes have the same coordinate along an axis with several pixels,
+    or if they are all on one line though there are several pixels along x and y. A frame without
+    any echo is no error: its depth map is empty.
+    """
     samples = capture.samples[frame]
     if not samples.any():
         return
@@ -56,8 +60,9 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
 
 
 def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[str]:
-    """Yield sentences about tones without echoes, and about two different frequencies with equal
-    samples, up to a gain and rounding. samples [f, …]: of one frame; frequencies_hz [f]."""
+    """Yield a sentence for the user about each tone without echoes, and about each two different
+    frequencies whose samples are equal up to a gain and rounding. samples [f, …]: those of one
+    frame; frequencies_hz [f]."""
     at = [f"{frequency_hz / 1e9:.10g}" for frequency_hz in frequencies_hz.tolist()]
     means = []  # equal tones have equal ones; so they are neighbours when sorted
     for i, tone in enumerate(samples):
@@ -78,7 +83,8 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
 
 
 def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
-    """Yield sentences about transmitters, receivers or positions that have no echo at any tone."""
+    """Yield sentences for the user about transmitters, receivers or scan positions that have no
+    echo at any tone of a frame."""
     live = _live(capture, frame)
     if not live.any():
         return
@@ -96,18 +102,16 @@ def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
 
 
 def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
-    """Compute the extents [3] along x, along y and across their longest direction, metres, of the
-    middles between transmitter and receiver of the channels that hold an echo: a scan of one
-    antenna over them resolves as well. 0 across for middles on a line; all 0 if no channel holds
-    an echo."""
-    aperture, live = capture.aperture, _live(capture, frame)
-    if isinstance(aperture, AntennaArray):
-        tx, rx = np.nonzero(live)
-        middle_m = (aperture.tx_m[tx] + aperture.rx_m[rx]) / 2
-    elif isinstance(aperture, BistaticScan):
-        middle_m = (aperture.tx_m[live] + aperture.rx_m[live]) / 2
-    else:
-        middle_m = aperture.position_m[live]
+    """Compute how far the antennas with echoes extend: [3], along x, along y and across their
+    longest direction, metres. All are 0 if no channel has an echo.
+
+    The extents are those of the midpoints between transmitter and receiver of all channels that
+    have an echo, since a scan of one antenna over the midpoints would resolve as well. Midpoints on
+    one line have extent 0 across.
+    """
+    live = _live(capture, frame).ravel()
+    tx_m, rx_m = channel_ends(capture.aperture)
+    middle_m = (tx_m[live] + rx_m[live]) / 2
     if len(middle_m) == 0:
         return np.zeros(3)
     middle_m = middle_m[:, :2]
@@ -121,9 +125,12 @@ def shortest_m(capture: RadarCapture) -> float:
 
 
 def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.ndarray:
-    """Compute how much depths z_m [ny, nx] vary within a resolution cell at one distance, metres:
-    the sagitta δ²/8z of a cell δ = λz/2D wide, of antennas with echoes that extend over D; at most
-    z. An axis along which the map has one pixel does not count."""
+    """Compute how much depth varies within one resolution cell of the antennas, metres, for depths
+    z_m [ny, nx]: the cell's points at equal distance differ in depth by the sagitta.
+
+    It is δ²/8z of a cell δ = λz/2D wide, where D is the extent of the antennas with echoes, and at
+    most z. An axis along which the map has only one pixel does not count.
+    """
     ny, nx = z_m.shape
     extents_m = live_extents_m(capture, frame)[[nx > 1, ny > 1, min(nx, ny) > 1]]
     with np.errstate(divide="ignore"):
@@ -132,11 +139,12 @@ def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.n
 
 
 def _unit(tone: np.ndarray) -> np.ndarray:
-    """Return a tone's samples [...] with a largest size of 1."""
+    """Return a tone's samples [...] divided by their largest magnitude."""
     return tone / np.abs(tone).max()
 
 
 def _live(capture: RadarCapture, frame: int) -> np.ndarray:
-    """Mark the channels, [t, r] or [n], that hold an echo at any tone."""
+    """Return True for the channels that have an echo at any tone of the frame: [t, r], or [n] of a
+    scan."""
     live: np.ndarray = capture.samples[frame].any(axis=0)
     return live

@@ -1,14 +1,14 @@
-"""Frequency-shift keying: depth from the phase between images at a few tones, in the paper's five
-steps.
+"""Frequency-shift keying (FSK): depth from the phase between images at a few tones, in the paper's
+five steps.
 
-Under time e^{+jωt} an image formed at z_e of a scatterer at z has φ = arg(O_b · conj(O_a)) = 4π(f_b
-− f_a)(z_e − z)/c, so z = z_e − cφ / (4π(f_b − f_a)), unambiguous within ±c/(4(f_b − f_a)). The
-path's derivative along z, 2 on the axis, is smaller off it; the paper leaves that out and
-`off_axis` puts it in.
+Under time e^{+jωt} the images of a scatterer at z, formed at depth z_e, have the phase difference φ
+= arg(O_b · conj(O_a)) = 4π(f_b − f_a)(z_e − z)/c, so z = z_e − cφ / (4π(f_b − f_a)), unambiguous
+within ±c/(4(f_b − f_a)). Here the path grows by 2 m per metre of depth, which holds on the axis and
+is less off it; the paper ignores the difference and the setting `off_axis` corrects it.
 
 Two close tones determine the depth in a wide range, but roughly. Each further tone is a rung of a
-ladder: further from the first two, more precise, and valid if the rungs before it have found the
-depth to within its ambiguity.
+ladder: it is further from the first two and more precise, and valid if the rungs before it have
+found the depth to within its ambiguity.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid, bounding_box
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.cpu.steering import mean_rise
-from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig, reach_hz
+from handbench.radar.methods.first_depth import with_first_depth
+from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
 from handbench.support.compiled import FAST, njit
 
 
@@ -36,15 +37,16 @@ def fsk(
     on_step: Callable[[FskStep], np.ndarray] | None = None,
 ) -> tuple[DepthMap, list[FskStep]]:
     """Compute the depth map of a frame by 2-FSK, 3-FSK or a longer ladder of tones (Bräunig et al.,
-    section II): (map, imaging steps that led to it). `radar.methods.depth_uncertainty` computes σ
-    and flags from the steps.
+    section II): (map, imaging steps that led to it). The map has no σ or flags;
+    `radar.methods.depth_uncertainty` computes them from the steps.
 
-    on_step: called after each imaging step; returns the depths [ny, nx] in metres for the next one
-    (default: the step's own).
+    on_step: called after each imaging step; returns the depths [ny, nx] in metres from which the
+    next step starts (default: the step's own).
     """
+    config = with_first_depth(capture, config, frame)
     tones, grid = Tones.of(capture, config, frame), config.grid()
     # 1 to 3: the plane at f1 and f2, z_e corrected once, depths above the threshold.
-    step = first_step(tones, config)
+    step = first_step(tones)
     if isinstance(config, RefinedConfig):
         step = step.cropped()
     steps = [step]
@@ -68,11 +70,13 @@ def fsk(
     return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump()), steps
 
 
-def first_step(tones: Tones, config: FskConfig) -> FskStep:
-    """Do steps 1 to 3 of the method: find the target's plane by the first two tones, image it, and
-    return the imaging step of the pixels at or above the threshold."""
+def first_step(tones: Tones) -> FskStep:
+    """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to the
+    target by their phase, and return the imaging step of the pixels that are at or above the
+    threshold."""
     # 1: the plane z_e is imaged at f1 and f2.
-    pair, grid, z_e = tones.first(2), config.grid(), config.first_depth_m
+    config, pair = tones.config, tones.first(2)
+    grid, z_e = config.grid(), float(config.first_depth_m)
     plane = pair.plane(grid, z_e)
     for done in range(config.corrections):
         # 2: the phase at the strongest pixel corrects z_e, in the paper once.
@@ -86,16 +90,17 @@ def first_step(tones: Tones, config: FskConfig) -> FskStep:
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
-    """Compute the depth step Δz = −cφ / (4πΔf), metres, from the phase φ = arg(O_b conj(O_a))
-    between two images: from the depth they are formed at to the scatterer's. difference_hz: Δf =
-    f_b − f_a."""
+    """Compute the depth step Δz = −cφ / (4πΔf), metres, from the depth at which two images are
+    formed to the depth of the scatterer, by their phase difference φ = arg(O_b conj(O_a)).
+    difference_hz: Δf = f_b − f_a."""
     phase = np.angle(image_b.astype(np.complex128) * np.conj(image_a))
     return -SPEED_OF_LIGHT_M_S * phase / (4 * np.pi * difference_hz)
 
 
 def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
-    """Compute the growth of the path per metre along z, d(|p − t| + |p − r|)/dz, at points p [n,
-    3], averaged over the channels: [n], at most 2, which holds on the axis far away."""
+    """Compute by how much the path from transmitter to point to receiver grows per metre along z,
+    d(|p − t| + |p − r|)/dz, at points p [n, 3], averaged over the channels: [n], at most 2, its
+    value on the axis far away."""
     points = np.ascontiguousarray(points_m, np.float64)
     rises = (leg.passes * mean_rise(leg.position_m, leg.channels, points) for leg in aperture.legs)
     return np.asarray(sum(rises))
@@ -103,9 +108,8 @@ def path_rise(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Tones:
-    """The samples [f, …] of a method's tones frequencies_hz [f] in one frame, in the order in which
-    the method uses them, with the aperture and the method's configuration: all that imaging
-    needs."""
+    """The samples [f, …] of one frame at a method's tones frequencies_hz [f], in the order in which
+    the method uses them, with the aperture and the method's configuration."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
@@ -114,7 +118,7 @@ class Tones:
 
     @classmethod
     def of(cls, capture: RadarCapture, config: AnyConfig, frame: int) -> Tones:
-        """Return a capture's samples at the configured tones, of one frame, scaled to about 1.
+        """Return the samples of one frame of a capture at the configured tones, scaled to about 1.
         Raises HandbenchError if a tone was not measured."""
         samples, frequencies_hz = capture.tones(config.ladder_hz, frame)
         return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config)
@@ -124,12 +128,12 @@ class Tones:
 
     @property
     def period_m(self) -> float:
-        """Smallest distance, in metres on the axis, between depths that have the same phase between
-        the last tone and one of the first two."""
+        """Ambiguity of the last tone's depths: the smallest distance, in metres on the axis,
+        between depths with the same phase difference between it and one of the first two tones."""
         return SPEED_OF_LIGHT_M_S / (2 * reach_hz(self.frequencies_hz))
 
     def first(self, count: int) -> Tones:
-        """The first `count` tones."""
+        """Return the first `count` tones with their samples."""
         return replace(
             self, samples=self.samples[:count], frequencies_hz=self.frequencies_hz[:count]
         )
@@ -142,8 +146,8 @@ class Tones:
         )
 
     def plane(self, grid: PixelGrid, z_m: float) -> FskStep:
-        """Image all pixels of the plane at depth z_m at every tone, without the phase that all
-        tones share: an imaging step."""
+        """Image all pixels of the plane at depth z_m at every tone, except for a phase factor that
+        all tones share: the images and the depths that follow from them, as an `FskStep`."""
         plane, tolerance = VoxelGrid(grid.x_m, grid.y_m, np.array([z_m])), self.config.tolerance
         images = image_volume(
             self.samples,
@@ -167,8 +171,8 @@ class Tones:
         )
 
     def surface(self, grid: PixelGrid, z_m: np.ndarray) -> FskStep:
-        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at every tone: an
-        imaging step."""
+        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at every tone: the
+        images and the depths that follow from them, as an `FskStep`."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         return _step(
@@ -182,12 +186,12 @@ class Tones:
 
 @dataclass(frozen=True)
 class FskStep:
-    """One imaging step of an FSK method: complex images [f, n] of `tones` at the pixels of a grid
-    with flat indices index [n], and the depths that follow from their phases.
+    """One imaging step of an FSK method: complex images [f, n] of `tones` at n pixels of a grid,
+    and the depths that follow from their phases.
 
-    formed_m: depths before the step, one or [n], where the images are formed; z_m: depths after it;
-    amplitude: mean magnitude of the images [ny, nx]; peak: the highest magnitude of the first
-    tone's whole image, in a plane (else NaN).
+    index [n]: flat indices of the pixels; formed_m: depths at which the images are formed, one or
+    [n]; z_m: depths after the step; amplitude: mean magnitude of the images [ny, nx]; peak: the
+    highest magnitude of the first tone's image, if the step images a whole plane (else NaN).
     """
 
     tones: Tones
@@ -200,16 +204,17 @@ class FskStep:
 
     @cached_property
     def factor(self) -> np.ndarray | float:
-        """Factor [n] of the pixels' depth steps for the path off the axis: 2 over `path_rise` where
-        `off_axis` is configured (1.3 at the corner of the paper's image), else the paper's 1."""
+        """Factor [n] of the pixels' depth steps, which corrects that the path off the axis grows by
+        less than 2 per metre of depth: 2 over `path_rise` if `off_axis` is configured (1.3 at the
+        corner of the paper's image), else 1 as in the paper."""
         if not self.tones.config.off_axis:
             return 1.0
         return 2 / path_rise(self.grid.points_at_m(self.index, self.formed_m), self.tones.aperture)
 
     @cached_property
     def correction_m(self) -> np.ndarray:
-        """Correction [n], metres, that the phases make to the depths where the images were
-        formed."""
+        """Depth corrections [n], metres, that the phases give: from the depths at which the images
+        were formed to those of the scatterers."""
         return self.steps_m().mean(axis=0) * self.factor
 
     @cached_property
@@ -220,10 +225,12 @@ class FskStep:
     def steps_m(
         self, step_m: Callable[[np.ndarray, np.ndarray, float], np.ndarray] = depth_step_m
     ) -> np.ndarray:
-        """Compute by how much depth has to change, metres, for each of the n pixels: from the phase
-        between the images at the first and the last tone, and at the second and the last tone, [2,
-        n]; [1, n] with two tones. step_m: function (image, last image, difference in hertz) →
-        steps, by default from the phase."""
+        """Compute the depth steps, metres, of the n pixels between the first and the last tone, and
+        between the second and the last tone: [2, n]; with only two tones, [1, n].
+
+        step_m: function (image, last image, difference in hertz) → depth step; by default from the
+        images' phase difference.
+        """
         images, f = self.images, self.tones.frequencies_hz
         last = len(images) - 1
         return np.array(
@@ -231,19 +238,21 @@ class FskStep:
         )
 
     def only(self, index: np.ndarray) -> FskStep:
-        """Return the imaging step of a plane for some of its pixels only, with flat indices [n]."""
+        """Return the imaging step of a plane with only some of its pixels. index [n]: their flat
+        indices."""
         return replace(self, index=index, images=self.images[:, index])
 
     def cropped(self) -> FskStep:
-        """Return the step on the smallest part of its grid that contains all of its pixels."""
+        """Return the imaging step on the smallest rectangular part of its grid that contains all of
+        its pixels."""
         on_target = self.on_map(np.array(True), False)
         box = bounding_box(on_target)
         index, amplitude = np.flatnonzero(on_target[box]), self.amplitude[box]
         return replace(self, grid=self.grid.part(box), index=index, amplitude=amplitude)
 
     def below(self) -> FskStep:
-        """Return the same step without its last tone: images at the same points, with depths from
-        fewer tones."""
+        """Return the imaging step without its last tone: the images at the same points, whose
+        phases give depths from fewer tones."""
         return _step(
             self.tones.first(len(self.tones) - 1),
             self.grid,
@@ -254,7 +263,7 @@ class FskStep:
 
     def filtered(self, values: np.ndarray, size_px: int) -> np.ndarray:
         """Average a map [ny, nx] over a window of size_px × size_px, weighted with the pixels'
-        power if so configured; NaN stays NaN."""
+        power if config.weighted; NaN stays NaN."""
         weighted = isinstance(self.tones.config, RefinedConfig) and self.tones.config.weighted
         return masked_mean(values, size_px, self.amplitude**2 if weighted else None)
 
@@ -263,8 +272,8 @@ class FskStep:
         return values.ravel()[self.index]
 
     def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
-        """Return the values [n] of the step's pixels as a map [ny, nx], with `elsewhere` at all
-        others."""
+        """Return the values [n] of the step's pixels as a map [ny, nx]; all other pixels have the
+        value `elsewhere`."""
         return self.grid.on_map(self.index, values, elsewhere)
 
 
@@ -281,7 +290,8 @@ def _step(
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
     """Average a map [ny, nx] over a window of size_px × size_px around each pixel, leaving out NaN
-    (normalised convolution); NaN stays NaN. weight [ny, nx]: of each pixel, None for equal ones."""
+    (normalised convolution); NaN stays NaN. weight [ny, nx]: weight of each pixel; None for equal
+    weights."""
     known = np.isfinite(values)
     if size_px == 1 or not known.any():
         return values.copy()
@@ -294,9 +304,12 @@ def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = No
 
 @njit(**FAST)
 def _window_means(values, weight, size_px):  # type: ignore[no-untyped-def]
-    """Compute the weighted mean over the window around each pixel: [ny, nx]; only pixels with
-    weights above 0 count. Windows are summed separately: a running sum would carry the rounding of
-    strong pixels to weak ones."""
+    """Compute the weighted mean of a map over the window around each pixel: [ny, nx]. Only pixels
+    with weights above 0 count.
+
+    Each window is summed on its own, since a running sum would carry the rounding errors of strong
+    pixels to weak ones.
+    """
     ny, nx = values.shape
     before, behind = size_px // 2, (size_px - 1) // 2
     along, means, total = np.zeros((2, ny, nx)), np.empty((ny, nx)), np.empty((2, nx))

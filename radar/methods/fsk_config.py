@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
@@ -28,25 +28,28 @@ def _odd(size_px: int) -> int:
 
 
 OddPixels = Annotated[int, AfterValidator(_odd)]
+FirstDepth = Annotated[float, Field(gt=0, le=100)]
 
 
 class PixelsConfig(GridConfig):
-    """The pixels of a depth map, for methods that need no other parameters, such as the depth of
-    another sensor."""
+    """The pixels of a depth map: all the parameters of methods that need no others, such as depths
+    of another sensor."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
 
     def grid(self) -> PixelGrid:
-        """Return the pixels."""
+        """Return the configured pixels as a grid."""
         return PixelGrid(self.x.values_m(), self.y.values_m())
 
 
 class FskConfig(PixelsConfig):
-    """Parameters that all FSK methods share: methods that find depth from the phase between images
-    at a few tones."""
+    """Parameters that all FSK methods share, which find depth from the phase between images at a
+    few tones."""
 
-    first_depth_m: float = Field(default=0.45, gt=0, le=100, description="z_e of the first images")
+    first_depth_m: FirstDepth | Literal["auto"] = Field(
+        default=0.45, description="z_e of the first images; auto: where the echoes are"
+    )
     threshold_db: float = Field(
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )
@@ -71,8 +74,8 @@ class FskConfig(PixelsConfig):
 
 
 class AgreementConfig(GridConfig):
-    """Parameters of methods that find depths at which several tones' phases agree: which depths are
-    kept, and how they are averaged."""
+    """Parameters of methods that find the depth at which the phases of several tones agree: which
+    depths are kept, and how they are averaged."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -112,8 +115,8 @@ class TwoToneConfig(FskConfig):
 
 
 class RefinedConfig(FskConfig):
-    """Parameters of the methods with three or more tones, whose further tones refine the depth. The
-    paper does not give the sizes of its filters."""
+    """Parameters of methods with three or more tones, whose further tones refine the depth. The
+    filter sizes are ours, since the paper does not give its own."""
 
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter before each further tone, pixels"
@@ -144,8 +147,8 @@ class ThreeToneConfig(TwoToneConfig, RefinedConfig):
 
 
 class LadderConfig(RefinedConfig):
-    """Any number of tones, a ladder: the first two, close together, find the depth roughly, and
-    each further one, a rung further away, refines it."""
+    """Parameters of FSK with a ladder of three or more tones: the first two, close together, find
+    the depth roughly, and each further tone, further away from them, refines it."""
 
     phase_noise_rad: float = Field(
         default=0.03,
@@ -173,8 +176,8 @@ class LadderConfig(RefinedConfig):
 
 
 class JointConfig(AgreementConfig, FskConfig):
-    """Any set of three or more tones at once: the first two, the closest, find the target's plane,
-    all together find each pixel's depth."""
+    """Parameters of the method that uses three or more tones at once: the first two, the closest,
+    find the target's plane, and all together find each pixel's depth."""
 
     off_axis: bool = Field(
         default=True, description="use the path's true derivative along z instead of 2"
@@ -215,8 +218,9 @@ class JointConfig(AgreementConfig, FskConfig):
 
 
 class PriorConfig(AgreementConfig, FskConfig):
-    """Two tones far apart, which measure depths around a first depth of each pixel from another
-    source, and a third, close to the first, which reveals wrong first depths."""
+    """Parameters of the method that starts from a first depth of each pixel from another source:
+    two tones far apart measure the depth near it, and a third tone, close to the first, reveals
+    wrong first depths."""
 
     threshold_db: float = Field(
         default=-16.0, lt=0, description="pixels weaker than this are off target"
@@ -244,7 +248,8 @@ class PriorConfig(AgreementConfig, FskConfig):
 
     @property
     def ladder_hz(self) -> tuple[float, ...]:
-        """The three tones, hertz: f1, the close one, the far one."""
+        """The three tones, hertz: the first one (f1_hz), the one close to it (close_hz) and the one
+        far from it (far_hz)."""
         return self.f1_hz, self.close_hz, self.far_hz
 
     @model_validator(mode="after")
@@ -257,12 +262,13 @@ class PriorConfig(AgreementConfig, FskConfig):
 
 
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
-    """Raise ValueError for a ladder of tones whose steps are too large to be unambiguous even at
-    the strongest pixel, where phases between two tones have the standard deviation phase_noise_rad,
-    or whose tones are not in order of distance from the first two.
+    """Raise ValueError for a ladder of tones that cannot work: its tones are not in order of
+    distance from the first two, or a step between successive tones is so large that the depth is
+    ambiguous even at the strongest pixel.
 
-    σ_z = cσ_φ/(4πΔf) of one rung, times SIGMAS, must stay within the next one's ±c/(4Δf'): Δf'/Δf ≤
-    π/(SIGMAS·σ_φ).
+    phase_noise_rad: standard deviation σ_φ of phases between two tones at the strongest pixel. The
+    error σ_z = cσ_φ/(4πΔf) of one tone, times SIGMAS, must stay within the ambiguity ±c/(4Δf') of
+    the next: Δf'/Δf ≤ π/(SIGMAS·σ_φ).
     """
     most = np.pi / (SIGMAS * phase_noise_rad)
     reaches_hz = [reach_hz(tones_hz[:count]) for count in range(2, len(tones_hz) + 1)]
@@ -287,8 +293,9 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
 
 
 def reach_hz(tones_hz: Iterable[float]) -> float:
-    """Return the larger distance, in hertz, of the last tone from the first two (of two tones: from
-    the other one). The depth step of the last tone is unambiguous within ±c/(4·reach)."""
+    """Return the larger of the distances, in hertz, between the last tone and the first two (of two
+    tones: the one distance). The depth step of the last tone is unambiguous within
+    ±c/(4·distance)."""
     *others, last = tones_hz
     return max(abs(last - tone) for tone in others[:2])
 

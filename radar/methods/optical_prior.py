@@ -1,10 +1,11 @@
-"""Depth from two tones far apart, around a first depth of each pixel from another sensor.
+"""Depth from two tones far apart, near a first depth of each pixel from another sensor.
 
-A pair with spacing Δf measures a depth to cσ/(4πΔf), but only within ±c/(4Δf) of a first one.
-Multimodal 2-FSK takes the first depth from an optical sensor (arXiv 2511.01405) and saves the
-coarse tones' images. Here a third, close tone checks it: its phase is unambiguous within ±c/(4 ·
-200 MHz), too rough for a depth, but its mean over a few resolution cells reveals a prior that is
-off by a period, and its median one that is wrong as a whole.
+Two tones Δf apart measure a depth with an error of cσ/(4πΔf), σ that of the phase, but only within
+±c/(4Δf) of a first depth. Multimodal 2-FSK takes the first depth from an optical sensor (arXiv
+2511.01405), so that it needs no images at close tones. Here a third tone close to the first checks
+the first depth. Its phase is unambiguous within ±c/(4 · 200 MHz), too rough for a depth of one
+pixel; but its mean over a few resolution cells reveals a first depth that is off by a period, and
+its median over all pixels a first map that is wrong as a whole.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db, load_depthmap
 from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.methods.alignment import filter_by_agreement
 from handbench.radar.methods.depth_uncertainty import quadrature_m, spread_m, wrap_probability
+from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import FskStep, Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import PixelsConfig, PriorConfig
 from handbench.support.errors import HandbenchError
@@ -30,12 +32,12 @@ WITNESS_PX = 15  # window of the close pair's mean: about ten resolution cells
 
 
 def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -> DepthMap:
-    """Compute the depth map of a frame from two tones far apart, around first depths from a depth
-    map, another sensor or the echoes' close tones (`config.prior`), with predicted 1σ and flags
-    where the depth may be off by a period.
+    """Compute the depth map of a frame from two tones far apart, near first depths from a depth
+    map, another sensor or the echoes' close tones (`config.prior`), with predicted 1σ and with
+    flags where the depth may be off by a period.
 
-    Raises HandbenchError for a prior map on other pixels or without depths, and for a prior whose
-    median error exceeds MOST_OFF of half a period.
+    Raises HandbenchError for a map of first depths on other pixels or without depths, and for one
+    whose median error exceeds MOST_OFF of half a period.
     """
     tones, whole = Tones.of(capture, config, frame), config.grid()
     grid, first_m = _first_depths(tones, config, capture, frame)
@@ -63,9 +65,12 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
 def other_sensor(
     capture: RadarCapture, config: PixelsConfig, name: str, frame: int = 0
 ) -> DepthMap:
-    """Return the depth map of another sensor that saw the scene, named as in `capture.sensors`, on
-    the configured pixels; amplitude_db is 0 where it has a depth and −inf elsewhere. Raises
-    HandbenchError if the capture has no such sensor, or the sensor has no depth at these pixels."""
+    """Return the depth map of another sensor that recorded the scene, on the configured pixels.
+    amplitude_db is 0 where it has a depth and −inf elsewhere.
+
+    name: name of the sensor in `capture.sensors`. Raises HandbenchError if the capture has no such
+    sensor, or if the sensor has no depth at these pixels.
+    """
     if name not in capture.sensors:
         known = ", ".join(capture.sensors) or "the radar's alone"
         raise HandbenchError(
@@ -84,12 +89,13 @@ def other_sensor(
 def _first_depths(
     tones: Tones, config: PriorConfig, capture: RadarCapture, frame: int
 ) -> tuple[PixelGrid, np.ndarray]:
-    """Return the first depths, from a depth map's file, another sensor or the echoes' close tones:
-    (the smallest part of the pixel grid that holds them all, z_m [ny, nx] on it, metres, NaN where
-    there is none)."""
+    """Return the first depths, which config.prior takes from a depth map's file, another sensor or
+    the echoes' close tones: (the smallest rectangular part of the pixel grid that contains them
+    all, z_m [ny, nx] on it, metres, NaN where there is none)."""
     whole = config.grid()
     if not config.prior:
-        step = first_step(tones, config).cropped()
+        begun = replace(tones, config=with_first_depth(capture, config, frame))
+        step = first_step(begun).cropped()
         return step.grid, masked_mean(step.z_m, config.coarse_filter_px, step.amplitude**2)
     file = config.prior.endswith(".npz")
     prior = (
@@ -111,9 +117,11 @@ def _first_depths(
 
 
 def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) -> np.ndarray:
-    """Flag pixels whose depth may be off by a period, because the close pair of tones or the
-    neighbouring pixels indicate another one: boolean [ny, nx]. Raises HandbenchError for a
-    configured prior that is wrong as a whole."""
+    """Flag pixels whose depth may be off by a period, because the pair of close tones or the
+    neighbouring pixels indicate another depth: boolean [ny, nx].
+
+    Raises HandbenchError if the first depths of a configured source are wrong as a whole.
+    """
     close, power = step.below(), step.amplitude**2
     apart_m = step.on_map(close.correction_m - step.correction_m)
     whole_m = np.median(close.correction_m)

@@ -1,5 +1,9 @@
-"""The paper's four methods and improved variants: presets of a few functions. Their code is
-imported when a method runs, so that listing the methods is fast."""
+"""The built-in methods, registered by id: the paper's four, improved variants of them, and depths
+of other sensors.
+
+Most are one of a few functions with different default parameters. The code of a method is imported
+when it runs, so that listing the methods is fast.
+"""
 
 from __future__ import annotations
 
@@ -70,9 +74,11 @@ def _preset(
     source: str = OURS,
     **defaults: bool | float | str,
 ) -> None:
-    """Register a method that runs make(capture, config, frame, id), with other defaults than those
-    of the configuration class. If the id ends in -word, the part before it is the id of the method
-    that this is a variant of."""
+    """Register the method `id`, which runs make(capture, config, frame, id).
+
+    config: class of its configuration; defaults: values that replace this class's own. If the id
+    ends in -word, the part before it is the id of the method that this is a variant of.
+    """
     if defaults:
         known = config.model_fields  # whose limits hold on
         fields: dict[str, Any] = {

@@ -1,11 +1,11 @@
-"""Maximum intensity projection of volumes to surfaces: the state of the art that FSK is compared
-with.
+"""Maximum intensity projection (MIP) of volumes to surfaces: the established methods that FSK is
+compared with.
 
 A projection needs only the strongest voxel of each pixel and, for depths between voxels, its
-neighbours along z: `Peaks`, which the engine finds without storing the volume. Where two
-candidates, or a pixel and the threshold, differ by less than the image's error, the voxels are
-imaged exactly (`settle_peaks`). So a faster image leads to the same map, unless three voxels of a
-pixel are that close.
+neighbours along z (`Peaks`); imaging finds these without storing the volume. Where the image's
+error could decide which of two voxels is the strongest, or whether a pixel passes the threshold,
+these voxels are imaged exactly (`settle_peaks`). So a faster, less accurate image leads to the same
+map, unless three voxels of a pixel differ by less than the error.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ def volume(capture: RadarCapture, config: ProjectionConfig, frame: int = 0) -> n
 def project(
     capture: RadarCapture, config: ProjectionConfig, method: str, frame: int = 0
 ) -> DepthMap:
-    """Compute the depth map of a frame by maximum intensity projection, without storing the volume;
-    with an `AlignedConfig`, depths are refined to those at which the tones' phases agree.
+    """Compute the depth map of a frame by maximum intensity projection, without storing the volume.
+    With an `AlignedConfig`, each depth is refined to the one at which the tones' phases agree.
 
-    method: id stored in the map. Flagged are pixels whose strongest voxel is the first or the last
-    along z, and pixels whose tones are too incoherent there for an echo.
+    method: id that is stored in the map. Pixels are flagged if their strongest voxel is the first
+    or the last along z, or if their tones are too incoherent there for an echo.
     """
     samples, frequencies_hz = capture.tones(config.tones_hz(), frame)
     samples, grid = scaled_to_one(samples), config.grid()
@@ -121,12 +121,13 @@ def project(
 
 
 def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
-    """Correct the strongest voxels of a tolerant image to those of the exact image, for pixels at
-    or above the threshold: voxels are imaged exactly where the image's error leaves doubt.
+    """Correct the strongest voxels of an approximate image to those of the exact image, for pixels
+    at or above the threshold. Voxels are imaged exactly where the error of the image could change
+    the result.
 
     exact: function (flat pixel indices [n], indices along z [n]) → magnitudes [n] in the exact
-    image. beside: number of voxels along z if the magnitudes of the voxels before and behind a
-    changed peak are needed too; 0: they become NaN.
+    image. beside: number of voxels along z, if the magnitudes of the voxels before and behind a
+    corrected peak are needed; with 0 they become NaN.
     """
     doubt = SURE * peaks.error
     if doubt == 0:
@@ -156,15 +157,15 @@ def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 
 
 
 def least_coherence(count: int, known: int, range_cells: float) -> float:
-    """Compute the least coherence |Σ O|² / (N Σ |O|²) of the images O of N = count tones at a
-    pixel's strongest voxel with which it counts as an echo: a target at one depth has 1, noise 1/N
-    on average. Σ |O|² is estimated from n = `known` of the tones; range_cells: depth of the volume
-    in range cells c/2B.
+    """Compute the threshold of the coherence |Σ O|² / (N Σ |O|²) of the images O of N = count
+    tones, above which the strongest voxel of a pixel counts as an echo. A target at one depth has
+    coherence 1, noise 1/N on average.
 
-    For noise, N times the ratio is F-distributed with 2 and 2n degrees of freedom, so the strongest
-    of K depths, two per range cell of the volume, exceeds x in a share K (1 + Nx/n)^(−n) of the
-    pixels, which is set to NOISE_PASSES. An echo from outside the volume appears by its range
-    sidelobes: SIDELOBE at most.
+    Σ |O|² is estimated from n = `known` of the tones; range_cells: depth of the volume in range
+    cells c/2B. For noise, N times the coherence is F-distributed with 2 and 2n degrees of freedom,
+    so that of the strongest of K depths, two per range cell, exceeds x in a share K (1 + Nx/n)^(−n)
+    of the pixels; the threshold is the x at which this share is NOISE_PASSES. It is at least
+    SIDELOBE, since an echo from outside the volume appears with its range sidelobes.
     """
     depths = 1 + 2 * range_cells
     return max(known / count * ((depths / NOISE_PASSES) ** (1 / known) - 1), SIDELOBE)
@@ -174,8 +175,8 @@ def _exact(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid
 ) -> Exact:
     """Return the function that `settle_peaks` calls for exact magnitudes: (flat pixel indices [n],
-    indices along z [n]) → [n]. For an array, it sums only the few tones from which all others
-    follow to single precision."""
+    indices along z [n]) → magnitudes [n]. For an antenna array, it sums only the few tones of which
+    all others are linear combinations to single precision."""
 
     @cache
     def few() -> tuple[np.ndarray, np.ndarray]:
@@ -203,12 +204,12 @@ def _aligned(
     rise: np.ndarray,
     image: Callable[[float], np.ndarray],
 ) -> DepthMap:
-    """Return the depth map with depths at which the tones' images agree, their predicted 1σ and
-    flags, filtered.
+    """Return the depth map with the depths at which the tones' images agree, their predicted 1σ and
+    flags, averaged over neighbouring pixels.
 
-    images [f, n]: at the strongest voxels points_m [n, 3] of the pixels with a depth; rise [n]:
-    growth of the path per metre along z; image: function from a shift along z, metres, to the
-    images [f, n] at the points shifted by it.
+    points_m [n, 3]: strongest voxels of the n pixels with a depth; images [f, n]: images at these
+    points; rise [n]: growth of the path there and back per metre along z; image: function from a
+    shift along z, metres, to the images [f, n] at points shifted by it.
     """
     pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
     index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
@@ -234,9 +235,9 @@ _CACHE: ContextVar[tuple[dict[Any, tuple[RadarCapture, Peaks]], bool]] = Context
 def cached_peaks(
     kept: dict[Any, tuple[RadarCapture, Peaks]], reuse: bool = False
 ) -> Iterator[None]:
-    """Run the `with` block so that `project` stores the peaks of each volume in the dictionary
-    `kept`; with `reuse`, it also takes them from there, since maps that differ only in filters and
-    thresholds share a volume."""
+    """Run the `with` block so that `project` stores the strongest voxels of each volume in the
+    dictionary `kept`. With `reuse`, it also takes them from there, for maps that differ only in
+    filters and thresholds."""
     token = _CACHE.set((kept, reuse))
     try:
         yield
@@ -245,12 +246,12 @@ def cached_peaks(
 
 
 def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> DepthMap:
-    """Convert the peaks of a volume to a depth map: each pixel takes the depth of its strongest
-    voxel, as in the paper, or with `config.subvoxel` one between voxels; pixels weaker than the
-    threshold are NaN.
+    """Convert the strongest voxels of a volume to a depth map: each pixel has the depth of its
+    strongest voxel, as in the paper, or with `config.subvoxel` a depth between voxels; pixels
+    weaker than the threshold are NaN.
 
-    method: id stored in the map. Pixels whose strongest voxel is the first or the last along z are
-    flagged: the echo may be outside the volume.
+    method: id that is stored in the map. Pixels whose strongest voxel is the first or the last
+    along z are flagged, since the echo may be outside the volume.
     """
     grid = config.grid()
     db = amplitude_db(peaks.magnitude[1])
@@ -263,13 +264,13 @@ def maximum_projection(peaks: Peaks, config: ProjectionConfig, method: str) -> D
 
 
 def peak_offset(magnitude: np.ndarray) -> np.ndarray:
-    """Compute the position of the maximum between three voxels from their magnitudes [3, ...],
-    relative to the middle one, in voxels: within ±½ if that one is the strongest; 0 where a
-    magnitude is NaN, since the maximum may be outside the volume.
+    """Compute the position of the maximum between three neighbouring voxels from their magnitudes
+    [3, ...], relative to the middle one, in voxels: within ±½ if the middle one is the strongest.
+    It is 0 where a magnitude is NaN, since the maximum may be outside the volume.
 
-    It is the vertex of the parabola through their decibels: the logarithm of a band-limited main
-    lobe is closer to a parabola than the lobe itself (the quartic term of sinc x over the quadratic
-    is π²/20, that of its logarithm π²/30).
+    It is the vertex of the parabola through the logarithms of the magnitudes: the logarithm of a
+    band-limited main lobe is closer to a parabola than the lobe itself (the quartic term of sinc x
+    over the quadratic is π²/20, that of its logarithm π²/30).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         before, middle, behind = np.log(magnitude.astype(np.float64))

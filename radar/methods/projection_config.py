@@ -29,13 +29,13 @@ class _VolumeConfig(GridConfig):
     )
 
     def grid(self) -> VoxelGrid:
-        """Return the voxels."""
+        """Return the configured voxels as a grid."""
         return VoxelGrid(self.x.values_m(), self.y.values_m(), self.z.values_m())
 
 
 class BroadbandConfig(_VolumeConfig):
-    """Parameters of broadband backprojection with evenly stepped tones; the tones and voxels are
-    the paper's by default."""
+    """Parameters of broadband backprojection with evenly spaced tones; by default, its tones and
+    voxels are the paper's."""
 
     tolerance: float | None = Field(
         default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact"
@@ -47,13 +47,13 @@ class BroadbandConfig(_VolumeConfig):
     )
 
     def tones_hz(self) -> np.ndarray:
-        """Return the stepped tones [count], hertz."""
+        """Return the evenly spaced tones [count], hertz."""
         return np.linspace(self.start_hz, self.stop_hz, self.count)
 
 
 class AlignedConfig(AgreementConfig, BroadbandConfig):
-    """Broadband backprojection whose depths are refined: each pixel's depth is that at which the
-    phases of some tones agree."""
+    """Parameters of broadband backprojection with refined depths: each pixel's depth is that at
+    which the phases of some tones agree."""
 
     estimator: Literal["phases", "capon", "coherence"] = Field(
         default="phases", description="of the shift along z"
@@ -72,8 +72,8 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
 
 
 class NarrowbandConfig(_VolumeConfig):
-    """Narrowband backprojection: a volume imaged at the three tones of 3-FSK only, and its
-    strongest voxels."""
+    """Parameters of narrowband backprojection: a volume is imaged at only three tones, those of
+    3-FSK, and its strongest voxels give the depths."""
 
     f1_hz: Tone = 82.0e9
     f2_hz: Tone = 81.8e9

@@ -1,8 +1,8 @@
-"""The methods that turn echoes into depth maps, by id: the built-in ones, and those of installed
-plug-ins.
+"""The registry of methods that turn echoes into depth maps: the built-in methods, and those of
+installed plug-ins, by id.
 
-A package names a module with registered methods as an entry point of the group "handbench.methods",
-as handbench itself does.
+A package becomes a plug-in by an entry point of the group "handbench.methods" that names a module
+which registers methods. handbench registers its own in the same way.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ PAPER = (
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """What a method returns: a depth map and, from methods that image a volume, a function that
-    images the complex volume [nz, ny, nx] behind it, and the volume's depths volume_z_m [nz],
+    """The result of a method: a depth map; for methods that image a volume, also a function that
+    images the complex volume [nz, ny, nx] it came from, and the volume's depths volume_z_m [nz],
     metres."""
 
     depth: DepthMap
@@ -68,9 +68,9 @@ class Method:
     distribution: str | None = None
 
     def configure(self, values: dict[str, Any], where: str) -> Config:
-        """Return the configuration made of plain values, by name; others keep their defaults.
-        where: origin of the values, for messages. Raises HandbenchError for unknown names and
-        invalid values."""
+        """Return the method's configuration made of plain values, by name; the others have their
+        defaults. where: origin of the values, named in error messages. Raises HandbenchError for
+        unknown names and invalid values."""
         return parse(self.config, values, where)
 
 
@@ -85,8 +85,11 @@ def register(
     id: str, config: type[Config], summary: str, source: str = PAPER, base: str | None = None
 ) -> Callable[[Run], Run]:
     """Return a decorator that registers a function run(capture, config, frame) → Reconstruction as
-    a method (fields: see `Method`). Raises HandbenchError for an id that is taken or is no valid
-    name, for an unknown base, and for a configuration without defaults."""
+    a method; the arguments become the fields of its `Method`.
+
+    Raises HandbenchError for an id that is taken or is no valid name, for an unknown base, and for
+    a configuration that has a parameter without default.
+    """
 
     def add(run: Run) -> Run:
         if id in METHODS:
@@ -127,19 +130,20 @@ def methods() -> list[Method]:
 
 
 def method_key(id: str) -> tuple[str, ...]:
-    """Return the `source_key` of the method with this id, which changes with its code; empty for ""
-    and for ids that are not registered."""
+    """Return hashes and versions that change with the code of the method with this id (see
+    `source_key`); an empty tuple for "" and for ids that are not registered."""
     _load()
     return source_key(METHODS[id]) if id in METHODS else ()
 
 
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
-    """Return hashes and versions that change with a method's code, for the keys of its stored
-    results; computed once per process. For a plug-in: of all Python files of its package, and the
-    versions of it and its requirements. For a built-in method: of all code that its module runs.
+    """Return hashes and versions that change with a method's code, so that results stored under
+    them are computed anew after a change.
 
-    Raises HandbenchError for a method whose code is in no file.
+    For a plug-in these cover all Python files of its package, its version and those of its
+    requirements; for a built-in method, all code that its module runs. They are computed once per
+    process. Raises HandbenchError for a method whose code is in no file.
     """
     try:
         file = Path(inspect.getsourcefile(method.run) or "")
@@ -167,9 +171,9 @@ def source_key(method: Method) -> tuple[str, ...]:
 
 
 def _load() -> None:
-    """Import the modules that register the built-in methods and those of plug-ins, once per
-    process. A plug-in that fails is reported in one line and left out completely; other methods
-    still work."""
+    """Import the modules that register methods, those of handbench and those of plug-ins, once per
+    process. A plug-in that fails is reported in one line, and none of its methods is registered;
+    other methods still work."""
     if GROUP in _begun:  # also by a plug-in that asks for a method while it is imported
         return
     _begun.add(GROUP)
@@ -202,8 +206,8 @@ def _load() -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Describe in words why a plug-in could not be loaded, for an import of a package that was
-    separate until version 0.2 with its new name."""
+    """Describe in words why a plug-in could not be loaded. If it imports a package that was
+    separate until version 0.2, the description has the package's new name."""
     if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
         return (
             f"imports {error.name}, which is handbench.{error.name} since version 1.0; change "

@@ -1,1 +1,1 @@
-"""Echoes of a scene with the effects that it calls for."""
+"""Simulation of echoes: scenes → samples, with the physical effects that a scene has."""

@@ -1,9 +1,9 @@
-"""Ablation of effects: a coarse simulation of the scene, with few tones and coarse surfaces, and
-its depth maps with and without some of the effects.
+"""Ablation of effects: a coarse simulation of a scene, with few tones and coarse surfaces, and its
+depth maps with and without some of the effects.
 
-The effects are applied as in a full simulation, each together with all others that are on. So
-indirect changes are included (obliquity and skin change echoes over two places), and an effect
-needs no code for its ablation.
+Effects are applied as in a full simulation, each together with all others that are on. So indirect
+changes are included (obliquity and skin, for example, also change echoes that bounce over two
+places), and an effect needs no code of its own for ablation.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -46,17 +46,19 @@ REFLECTING = frozenset({"skin", "dielectric"})  # effects that change echoes ove
 
 @dataclass(frozen=True)
 class Change:
-    """How a depth map changes if effects are left out. depth_mm: mean |Δz| over the pixels that
-    have a depth in both maps; pixels: number of lost and gained pixels over the number of pixels
-    with all effects."""
+    """The change of a depth map when effects are left out.
+
+    depth_mm: mean |Δz| over the pixels that have a depth in both maps; pixels: number of lost and
+    gained pixels over the number of pixels with all effects.
+    """
 
     depth_mm: float
     pixels: float
 
     @classmethod
     def between(cls, whole_m: np.ndarray, without_m: np.ndarray) -> "Change":
-        """Compare two depth maps [ny, nx] in metres, NaN off the target: with all effects (whole_m)
-        and with some left out (without_m)."""
+        """Compare two depth maps [ny, nx] in metres, NaN off the target: whole_m with all effects,
+        without_m with some left out."""
         there, still = np.isfinite(whole_m), np.isfinite(without_m)
         moved_m = np.abs(whole_m - without_m)[there & still]
         count = max(int(there.sum()), 1)
@@ -67,17 +69,18 @@ class Change:
 
 
 def worst_mm(changes: Mapping[str, Change]) -> float:
-    """The largest change over the methods' depth maps, in mm: the mean |Δz|, or the share of lost
-    and gained pixels times 10 mm, whichever is larger."""
+    """Return the largest change over the depth maps of several methods, in mm. The change of a map
+    is the mean |Δz|, or the share of lost and gained pixels times LOST_MM, whichever is larger."""
     return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
 
 
 class Ablation:
-    """A coarse simulation of a scene with `effects`, applied in this order, and its depth maps;
-    `change` and `level_db` compare it with a simulation that leaves some effects out.
+    """A coarse simulation of a scene with `effects`, applied in this order, and its depth maps.
+    `change` and `level_db` compare it with simulations that leave some effects out.
 
-    contained: effect → the effect that includes it (a blurred shadow includes a sharp one), so that
-    the former is not applied while the latter is."""
+    contained: effect → the effect that includes it (as a blurred shadow includes a sharp one); an
+    effect is not applied while the one that includes it is.
+    """
 
     def __init__(
         self, scene: EchoScene, effects: Sequence[Effect], contained: Mapping[str, str]
@@ -97,14 +100,16 @@ class Ablation:
         self.maps = self._imaged(self.samples)
 
     def change(self, without: Iterable[str]) -> dict[str, Change]:
-        """Return by method ("2fsk", "3fsk", "narrowband"; "3fsk" alone without close tones) how its
-        depth map changes if the effects `without` are left out."""
+        """Return how the depth map of each method changes if the effects `without` are left out, by
+        method id: "2fsk", "3fsk" and "narrowband", or "3fsk" alone if the scene has no close
+        tones."""
         maps = self._imaged(self._left_out(frozenset(without)))
         return {name: Change.between(z_m, maps[name]) for name, z_m in self.maps.items()}
 
     def level_db(self, without: Iterable[str]) -> float:
-        """Return how much the samples change if the effects `without` are left out: power of the
-        difference over that of the samples with all effects, in dB (−inf: no change)."""
+        """Return how much the samples change if the effects `without` are left out: the power of
+        the difference over the power of the samples with all effects, in dB (−inf if nothing
+        changes)."""
         change = float(np.linalg.norm(self._left_out(frozenset(without)) - self.samples))
         return (
             float(20 * np.log10(change / max(float(np.linalg.norm(self.samples)), 1e-30)))
@@ -118,9 +123,11 @@ class Ablation:
         return self._made[without]
 
     def _simulated(self, without: frozenset[str]) -> np.ndarray:
-        """Simulate samples complex64 [f, t, r] with all effects but `without`. Multiple bounces are
-        taken over from the simulation with all effects, unless an effect that changes the surface's
-        reflection is left out."""
+        """Simulate samples complex64 [f, t, r] with all effects except `without`.
+
+        Echoes over several bounces take long; they are copied from the simulation with all effects,
+        unless an effect that changes the surface's reflection is left out.
+        """
         names = {effect.id for effect in self.effects} - without
         names = {name for name in names if self._contained.get(name) not in names}
         echoes, applied = bare_echoes(self.scene, 1, TOLERANCE), tuple[str, ...]()
@@ -141,8 +148,8 @@ class Ablation:
         return replace(echoes, extra={**echoes.extra, **self._bounced})
 
     def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the depth map [ny, nx] in metres of each method, NaN off the target, from samples
-        [f, t, r]."""
+        """Compute the depth map [ny, nx] of each method from samples [f, t, r], by method id:
+        metres, NaN off the target."""
         x, y, z, size_px = self._grid
         if not samples.any():
             nothing = np.full((len(y.values_m()), len(x.values_m())), np.nan)
@@ -164,9 +171,9 @@ class Ablation:
 
 
 def _coarse(scene: EchoScene) -> EchoScene:
-    """Return the scene for a quick, coarse simulation: three tones (low, close to the highest,
-    highest; ascending) and facets with edges twice as long. It shares the full scene's ray
-    caster."""
+    """Return the scene for a quick, coarse simulation: with three tones (low, close to the highest,
+    highest; ascending) and with facets whose edges are twice as long. It uses the same ray caster
+    as the full scene."""
     high_hz, low_hz = scene.pair_hz
     tones_hz = np.array(
         [low_hz, scene.coarse_hz or high_hz - COARSE * scene.depth_step_hz, high_hz]
@@ -179,9 +186,12 @@ def _coarse(scene: EchoScene) -> EchoScene:
 
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, Axis, int]:
-    """Return the axes x, y, z of a box around the target's facets and balls, and the width of the
-    methods' averaging filters in pixels (odd). With a room, which may be brighter than the target,
-    the box is as wide as the methods' images."""
+    """Return the box that is imaged around the target's facets and balls: (axes x, y, z, width in
+    pixels of the methods' averaging filters, odd).
+
+    If the scene has a room, which may be brighter than the target, the box is as wide in x and y as
+    the images of the methods by default.
+    """
     points_m = bare_echoes(scene).points_m
     reach_m = max((ball.radius_m for ball in scene.balls), default=0.0) + MARGIN_M
     low_m, high_m = points_m.min(axis=0) - reach_m, points_m.max(axis=0) + reach_m

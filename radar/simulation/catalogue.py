@@ -1,5 +1,5 @@
-"""The effects of simulated echoes, each with its cause in a scene and the function that applies it,
-in the order of known_effects.toml, in which they are applied."""
+"""The effects of simulated echoes, in the order in which they are applied, which is that of
+known_effects.toml. Each has its cause in a scene and the function that applies it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,10 +21,14 @@ OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of simulated echoes. id: its name in scene files and in known_effects.toml; needs:
-    the cause that a scene must have, in words; cause: whether a scene has it; apply: returns the
-    echoes with the effect; cost_s: estimated CPU seconds (0, the default: always on); estimate:
-    quick estimate of its size (None: unknown)."""
+    """One effect of simulated echoes.
+
+    id: its name in scene files and in known_effects.toml; needs: the cause that a scene must have,
+    in words; cause: function that tells whether a scene has it; apply: function that returns the
+    echoes with the effect; cost_s: function from a scene to the estimated CPU seconds (0, the
+    default, is negligible, so that "auto" always switches it on); estimate: function from a scene
+    to a quick estimate of the effect's size (None: unknown).
+    """
 
     id: str
     needs: str
@@ -34,7 +38,8 @@ class Effect:
     estimate: Callable[[EchoScene], QuickEstimate | None] = lambda scene: None
 
     def missing(self, scene: EchoScene) -> str:
-        """Return in words the cause that the scene lacks for this effect; "" if it has it."""
+        """Return the cause that the scene lacks for this effect, in words; "" if the scene has
+        it."""
         return "" if self.cause(scene) else self.needs
 
 

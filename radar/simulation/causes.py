@@ -1,4 +1,5 @@
-"""The causes that a scene names for its effects; the defaults cause nothing."""
+"""The causes of effects that a scene file can set, such as noise or motion; with their defaults
+they cause nothing."""
 
 from typing import Annotated
 
@@ -9,9 +10,11 @@ from handbench.support.config import Config
 
 
 class Noise(Config):
-    """Thermal noise of the receivers, by one of two keys. phase_noise_rad: standard deviation of
-    the phase *between two tones* at the strongest pixel; snr_db: power of the strongest pixel over
-    that of the noise in the image of one tone. Neither given: no noise."""
+    """Thermal noise of the receivers, given by one of two keys; without either there is no noise.
+
+    phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel;
+    snr_db: power of the strongest pixel over that of the noise in the image of one tone.
+    """
 
     phase_noise_rad: float = Field(default=0.0, ge=0)
     snr_db: float | None = Field(default=None, ge=-200, le=200)
@@ -30,18 +33,20 @@ class Noise(Config):
 
 
 class Oscillator(Config):
-    """Phase noise of the common oscillator. level_dbc_hz: noise power per Hz relative to the
-    carrier's, 1 MHz from it (None: no noise); it falls with 1/f². bandwidth_hz: of the receiver's
-    filter. Transmitter and receiver share the oscillator, so that the target's short delay cancels
-    most of it."""
+    """Phase noise of the oscillator that transmitters and receivers share. The target's delay is
+    short, so that most of it cancels.
+
+    level_dbc_hz: noise power per Hz relative to the carrier's, 1 MHz from it (None: no noise); it
+    falls with 1/f². bandwidth_hz: bandwidth of the receiver's filter.
+    """
 
     level_dbc_hz: float | None = Field(default=None, ge=-300, lt=0)
     bandwidth_hz: float = Field(default=1e6, gt=0)
 
     @property
     def density(self) -> float:
-        """Power density of the noise over the carrier's power in 1/Hz, at 1 MHz from the carrier; 0
-        without a level."""
+        """Power density of the noise 1 MHz from the carrier, over the carrier's power, in 1/Hz; 0
+        if no level is given."""
         return 0.0 if self.level_dbc_hz is None else 10 ** (self.level_dbc_hz / 10)
 
 
@@ -56,9 +61,12 @@ def require_direction(direction: Direction) -> Direction:
 
 
 class Motion(Config):
-    """Rigid motion of the target along `direction` (radar frame): tremor, a sine with the peak
-    amplitude_m, frequency_hz and a random phase, plus a constant velocity_m_s. The displacement
-    counts from the target's place at the start of each frame."""
+    """Rigid motion of the target along `direction` (radar frame), relative to its place at the
+    start of each frame.
+
+    It is the sum of a tremor, a sine with the peak amplitude_m, frequency_hz and a random phase,
+    and of a constant velocity_m_s.
+    """
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
@@ -67,10 +75,13 @@ class Motion(Config):
 
 
 class Roughness(Config):
-    """Relief of the target that its mesh does not show: random heights with standard deviation
-    rms_m, whose correlation falls with distance r as exp(−r²/correlation_m²); and the layer lines
-    of a print, layer_depth_m from ridge to valley and layer_pitch_m apart along the direction
-    layers_along (radar frame)."""
+    """Relief of the target that its mesh is too coarse to have: random heights, and the layer lines
+    of a 3D print.
+
+    The random heights have the standard deviation rms_m, and their correlation falls with distance
+    r as exp(−r²/correlation_m²). The layer lines are layer_depth_m from ridge to valley and
+    layer_pitch_m apart along the direction layers_along (radar frame).
+    """
 
     rms_m: float = Field(default=0.0, ge=0, le=1e-3)
     correlation_m: float = Field(default=1e-3, ge=1e-5, le=1)
@@ -80,20 +91,21 @@ class Roughness(Config):
 
     @property
     def sigma_m(self) -> float:
-        """Standard deviation of all heights in metres, layer lines (a sine) included."""
+        """Standard deviation of all heights in metres, including the layer lines, whose profile is
+        a sine."""
         return float(np.hypot(self.rms_m, self.layer_depth_m / np.sqrt(8)))
 
 
 class Pattern(Config):
-    """Antenna pattern of each antenna, a power of cos θ. beamwidth_deg: its full width at half
-    power (None: the same in all directions)."""
+    """Radiation pattern of each antenna, a power of cos θ. beamwidth_deg: its full width at half
+    power (None: isotropic)."""
 
     beamwidth_deg: float | None = Field(default=None, gt=1, lt=180)
 
     @property
     def exponent(self) -> float:
-        """The exponent q of the amplitude pattern cosᵠθ: its power, cos²ᵠθ, is half at half the
-        beamwidth off the axis. 0 without a beamwidth: the same in all directions."""
+        """The exponent q of the amplitude pattern cosᵠθ, for which the power cos²ᵠθ is one half at
+        half the beamwidth from the axis; 0, an isotropic antenna, if no beamwidth is given."""
         if self.beamwidth_deg is None:
             return 0.0
         return float(-np.log(2) / (2 * np.log(np.cos(np.radians(self.beamwidth_deg) / 2))))
@@ -107,20 +119,22 @@ class Coupling(Config):
 
     @property
     def amplitude(self) -> float:
-        """The leakage's amplitude relative to that of the target's samples; 0 without a level."""
+        """The leakage's amplitude relative to that of the target's samples; 0 if no level is
+        given."""
         return 0.0 if self.level_db is None else 10 ** (self.level_db / 20)
 
 
 class Positions(Config):
     """Errors of the antennas' positions. sigma_m: standard deviation, along each of x, y and z, of
-    an antenna's true position from the nominal one that the capture states."""
+    an antenna's true position from the nominal position in the capture."""
 
     sigma_m: float = Field(default=0.0, ge=0, le=0.01)
 
 
 class Channels(Config):
-    """Errors of each antenna's channel, as standard deviations: gain_db; phase_rad, the same at all
-    tones; delay_m, a delay as a length in metres."""
+    """Errors of each antenna's gain, phase and delay, as standard deviations over the antennas.
+    gain_db; phase_rad: a phase that is the same at all tones; delay_m: a delay, as a length in
+    metres."""
 
     gain_db: float = Field(default=0.0, ge=0, le=100)
     phase_rad: float = Field(default=0.0, ge=0, le=100)
@@ -128,24 +142,25 @@ class Channels(Config):
 
 
 class Dead(Config):
-    """Antennas whose samples are zero. tx, rx: numbers of the transmitters and of the receivers,
-    from 0."""
+    """Antennas without signal, whose samples are zero. tx, rx: numbers of the transmitters and of
+    the receivers, from 0."""
 
     tx: tuple[int, ...] = ()
     rx: tuple[int, ...] = ()
 
 
 class Converter(Config):
-    """Analogue-to-digital conversion. bits: of each quadrature (None: exact); headroom_db: by how
-    much full scale is above the largest sample (negative: the largest samples are clipped)."""
+    """Analogue-to-digital conversion. bits: number of bits of each quadrature (None: exact);
+    headroom_db: by how much full scale exceeds the largest sample (negative: the largest samples
+    are clipped)."""
 
     bits: int | None = Field(default=None, ge=1, le=32)
     headroom_db: float = Field(default=6.0, ge=-100, le=200)
 
 
 class SensorFaults(Config):
-    """Imperfections of a sensor: what causes the effects of this name in simulated echoes. The
-    defaults are ideal."""
+    """Imperfections of a sensor, each of which causes the effect of the same name in simulated
+    echoes; by default there are none."""
 
     oscillator: Oscillator = Oscillator()
     pattern: Pattern = Pattern()
@@ -157,8 +172,8 @@ class SensorFaults(Config):
 
 
 class Causes(SensorFaults):
-    """What causes effects in a scene's echoes: imperfections of the sensor, noise, and the target's
-    motion and roughness."""
+    """Causes of the effects in a scene's echoes: imperfections of the sensor, noise, and the
+    target's motion and roughness."""
 
     noise: Noise = Noise()
     motion: Motion = Motion()

@@ -1,11 +1,11 @@
-"""The forward model: scatterers → samples, the adjoint of backprojection.
+"""The forward model of echoes: scatterers → samples, the adjoint of backprojection.
 
     S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r| + 2δ(p))/c)
 
-with an optional one-way delay δ (foam) and the spreading and obliquity of each leg, g_a(p) =
-√max(n·û_a, 0) / |p − a|: the physical-optics integrand of a smooth surface, whose obliquity is
-shared evenly by both legs so that it stays separable and reciprocal (exact where transmitter and
-receiver see the facet under the same angle).
+δ is an optional one-way delay (in foam), as a length. The gains g_a(p) = √max(n·û_a, 0) / |p − a|
+are the spreading and obliquity between antenna a and point p with normal n: the physical-optics
+integrand of a smooth surface, whose obliquity is shared evenly between transmitter and receiver, so
+that it is separable and reciprocal (exact where both see the facet under the same angle).
 """
 
 from __future__ import annotations
@@ -32,13 +32,14 @@ NEAR = 5.0
 
 @dataclass(frozen=True)
 class Scatterers:
-    """Points that scatter. position_m [p, 3]; weight [p]: surface area in m² for physical optics,
-    or any amplitude for points; normal [p, 3]: unit vectors (None: they scatter evenly in all
-    directions); delay_m [p]: extra one-way optical path (None: 0).
+    """Points that scatter waves.
 
-    seen: masks (bool [t, p], bool [r, p]) of the transmitters and the receivers that see each point
-    (None: all do); sight: complex share of each antenna's field that reaches each point by
-    diffraction (None: all of it)."""
+    position_m [p, 3]; weight [p]: surface area in m² for physical optics, or any amplitude for
+    points; normal [p, 3]: unit vectors (None: the points scatter evenly in all directions); delay_m
+    [p]: extra one-way optical path (None: 0). seen: masks (bool [t, p], bool [r, p]) of the
+    transmitters and the receivers that see each point (None: all do); sight: complex factor of the
+    field between each antenna and each point behind diffracting edges (None: 1).
+    """
 
     position_m: np.ndarray
     weight: np.ndarray
@@ -69,15 +70,17 @@ def simulate(
     sight_tolerance: float = 0.0,
 ) -> np.ndarray:
     """Simulate noise-free samples of scatterers: complex64 [f, t, r], by tone, transmitter and
-    receiver. Raises HandbenchError for invalid positions and for scatterers on an antenna.
+    receiver. Raises HandbenchError for invalid positions and, with spreading, for scatterers on an
+    antenna.
 
-    spreading: False leaves out the gains g (decay with 1/R, obliquity and pattern), which makes
-    this the exact adjoint of backprojection. pattern: exponent q of the antennas' amplitude pattern
+    spreading: False leaves out the gains (decay with 1/R, obliquity and pattern), which makes this
+    the exact adjoint of backprojection. pattern: exponent q of the antennas' amplitude pattern
     cosᵠθ, with θ from the z axis.
 
     tolerance: relative L2 error of the fast summation; None sums every scatterer at every tone.
-    sight_tolerance: used instead, if it is larger, for scatterers with partial sight
-    (diffraction)."""
+    sight_tolerance: if larger, it is used in place of `tolerance` for scatterers that waves reach
+    by diffraction.
+    """
     scatterers, partly = _in_sight(scatterers)
     if len(scatterers.position_m) > 0:
         _check(scatterers, array, spreading)
@@ -114,8 +117,8 @@ def simulate(
 
 
 def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """Leave out scatterers that no transmitter or no receiver sees. Returns the others, and the
-    mask of those of them that are hidden from some antenna."""
+    """Leave out scatterers that no transmitter or no receiver sees: (the other scatterers, boolean
+    mask that is True for those hidden from at least one antenna)."""
     if scatterers.seen is None:
         return scatterers, np.zeros(len(scatterers.position_m), bool)
     tx, rx = scatterers.seen
@@ -145,8 +148,8 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
 def _source(
     part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
 ) -> PackedScatterers:
-    """Pack scatterers into the arrays of the compiled kernels. points_m [3, p]: their positions;
-    whole: 1 if the masks `seen` apply, 2 if the shares `sight` do."""
+    """Pack scatterers into arrays for compiled code. points_m [3, p]: their positions; whole: 1 to
+    apply the masks `seen`, 2 to apply the factors `sight`, 0 for neither."""
     count = len(part.position_m)
     delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = (
@@ -165,9 +168,12 @@ def _source(
 def _bent(
     scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float
 ) -> np.ndarray:
-    """Mark the points [p] whose gain is not smooth over the box around all antennas, so that it
-    cannot be interpolated: points close to the array, facets that some corner of the box sees at a
-    grazing angle or from behind, and points far off the axis of the antennas' pattern."""
+    """Return True for the points [p] whose gain is not smooth over the box around all antennas, so
+    that it cannot be interpolated between antennas.
+
+    These are points close to the array, facets that some corner of the box sees at a grazing angle
+    or from behind, and points far off the axis of the antennas' pattern.
+    """
     antennas = np.concatenate([array.tx_m, array.rx_m])
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
@@ -235,8 +241,9 @@ def _simulate_exactly(
 def _gain(
     points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float
 ) -> np.ndarray:
-    """Amplitude gains float32 [a, p] from antennas to points: 1/R, times √(n·û) (obliquity) where
-    the points have normals, times cosᵠθ (the antennas' pattern, exponent q = `pattern`)."""
+    """Compute the amplitude gains between antennas and points: float32 [a, p]. They are 1/R, times
+    √(n·û) (obliquity) if the points have normals, times cosᵠθ (the antennas' pattern, exponent q =
+    `pattern`)."""
     gains = np.empty((len(antennas_m), len(points_m)), np.float32)
     for gain, antenna in zip(gains, antennas_m, strict=True):
         towards = antenna - points_m

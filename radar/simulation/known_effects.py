@@ -1,5 +1,8 @@
-"""The names of the effects of simulated echoes, from known_effects.toml, and the table row that
-records whether a capture has one. This module does not import their code."""
+"""The names of the effects of simulated echoes, from known_effects.toml, and the row of a capture's
+table that records whether an effect is on.
+
+This module does not import the code of the effects.
+"""
 
 import tomllib
 from pathlib import Path
@@ -14,11 +17,14 @@ IDS = tuple(DECLARED)  # in the order in which they are applied
 
 
 class Choice(Config):
-    """One effect's row in a capture's table: whether it is on, and why. depth_mm: its estimated
-    change of 3-FSK's depths; worst_mm: of the depths of the method that it changes most;
-    pixels_percent: pixels lost and gained; level_db: power of its change to the echoes, relative to
-    them (None: not asked for, or no cause in the scene). cost_s: estimated CPU seconds; seconds:
-    measured ones (None: off, or not simulated)."""
+    """The row of one effect in a capture's table: whether it is on, and why.
+
+    Sizes, None if they were not asked for or the scene has no cause: depth_mm: estimated change of
+    the depths by 3-FSK; worst_mm: change of the depths by the method that it changes most;
+    pixels_percent: lost and gained pixels; level_db: power of its change to the echoes, relative to
+    the echoes. Times: cost_s: estimated CPU seconds; seconds: measured ones (None: the effect is
+    off, or nothing was simulated).
+    """
 
     effect: str
     on: bool
@@ -32,7 +38,7 @@ class Choice(Config):
 
 
 def check_names(names: tuple[str, ...]) -> None:
-    """Raise HandbenchError for unknown names of effects and for repeated ones."""
+    """Raise HandbenchError for a name that is no effect, and for a name that is listed twice."""
     for name in names:
         if name not in IDS:
             raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, list(IDS))}")

@@ -20,10 +20,12 @@ USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; pr
 
 
 class Material(Config):
-    """A body's material. metal: a perfect mirror; skin: layered skin, with palm_thickness_m of the
-    horny layer on the palm, and moist if `wet`; foam and plastic: a dielectric with `permittivity`
-    (by default 1.03 and 2.7) and `loss_tangent`. Bodies of the room may instead have a known
-    reflectivity, see `Body`."""
+    """The material of a body.
+
+    kind: metal, a perfect mirror; skin, layered, with palm_thickness_m of horny layer on the palm,
+    and moist if `wet`; foam or plastic, a dielectric with `permittivity` (by default 1.03 and 2.7)
+    and `loss_tangent`. A body of the room may have a measured reflectivity instead (`Body`).
+    """
 
     kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
     permittivity: float | None = Field(default=None, ge=1, le=20)
@@ -42,17 +44,19 @@ class Material(Config):
 
     @property
     def real_permittivity(self) -> float:
-        """The real relative permittivity ε_r: the one given, or else the usual value of foam or
+        """The real relative permittivity ε_r: the given one, or else the usual value of foam or
         plastic (1 for other materials)."""
         return self.permittivity or USUAL.get(self.kind, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body as a closed triangle mesh in the radar frame: vertices_m [n, 3] and faces [m, 3],
-    counter-clockwise seen from outside. palm: mask [m] of the faces with the palm's thick horny
-    layer (None: no face); reflectivity_db: echo amplitude relative to metal in dB, used instead of
-    the material where it is given."""
+    """A body as a closed triangle mesh in the radar frame.
+
+    vertices_m [n, 3], faces [m, 3]: the mesh, with faces counter-clockwise as seen from outside.
+    palm: mask [m] of the faces with the palm's thick horny layer (None: no face). reflectivity_db:
+    echo amplitude relative to metal in dB; if given, it replaces the material.
+    """
 
     vertices_m: np.ndarray
     faces: np.ndarray
@@ -62,13 +66,14 @@ class Body:
 
     @property
     def transparent(self) -> bool:
-        """True if waves pass through: the body hides nothing and casts no shadow."""
+        """True if waves pass through the body, so that it hides nothing and casts no shadow."""
         return self.material.kind == "foam"
 
 
 @dataclass(frozen=True)
 class Ball:
-    """A steel ball, perhaps at the centre of a sphere of foam (foam_radius_m 0: none)."""
+    """A steel ball; if foam_radius_m is not 0, it is at the centre of a sphere of foam with this
+    radius."""
 
     centre_m: np.ndarray
     radius_m: float
@@ -78,18 +83,19 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
-    """A scene as the radar measures it. frequencies_hz [f]: its tones, ascending; time_s [f]: when
-    each tone is measured, from the start of a frame.
+    """A scene as the radar measures it. frequencies_hz [f]: the radar's tones, ascending; time_s
+    [f]: when each tone is measured, from the start of a frame.
 
     target: the measured body (None for a scene with balls only); room: the bodies around it, which
-    stay when the target is removed; causes: what the effects need, such as noise or motion; seed:
-    of all random draws. depth_step_hz: step between two tones that converts an effect's phase to
-    millimetres of depth. polarisation_deg: direction of the antennas' electric field, from x
-    towards y (used for balls and for echoes over two or more places).
+    stay when the target is removed; causes: causes of the effects, such as noise or motion; seed:
+    seed of all random draws. depth_step_hz: difference of two tones for which an effect's phase is
+    converted to millimetres of depth. polarisation_deg: direction of the antennas' electric field,
+    from x towards y (used for balls and for echoes over two or more places).
 
-    Accuracy: coarser multiplies the longest edge of the facets into which surfaces are divided,
-    mirrors_coarser in addition that of the mirrors of multiple bounces, and nodes_apart the
-    distance of the antennas for which bounces are traced."""
+    Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided;
+    mirrors_coarser multiplies that of the mirrors of multiple bounces once more; nodes_apart
+    multiplies the distance between the antennas for which bounces are traced.
+    """
 
     array: AntennaArray
     frequencies_hz: np.ndarray
@@ -108,27 +114,28 @@ class EchoScene:
 
     @property
     def body(self) -> Body:
-        """The target. Raises ValueError for a scene without one."""
+        """The target body. Raises ValueError for a scene without one."""
         if self.target is None:
             raise ValueError("the scene has no target but balls")
         return self.target
 
     @property
     def dipole(self) -> np.ndarray:
-        """The direction [3] of the antennas' electric field."""
+        """The direction [3] of the antennas' electric field, a unit vector."""
         angle = np.radians(self.polarisation_deg)
         return np.array([np.cos(angle), np.sin(angle), 0.0])
 
     @property
     def wavelength_m(self) -> float:
-        """The length by which surfaces are divided: the shortest wavelength times `coarser`."""
+        """The length, metres, that sets how finely surfaces are divided: the shortest wavelength
+        times `coarser`."""
         return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
     def pair_hz(self) -> tuple[float, float]:
         """The two tones (high, low) in Hz whose phase difference determines depth: the highest
-        tone, and the one nearest to depth_step_hz below it. With a single tone, the second is
-        exactly depth_step_hz lower, although it is not measured."""
+        tone, and the tone nearest to depth_step_hz below it. If there is only one tone, the second
+        value is exactly depth_step_hz lower, although it is not measured."""
         low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
         wanted_hz = high_hz - self.depth_step_hz
         below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
@@ -138,9 +145,9 @@ class EchoScene:
 
     @property
     def coarse_hz(self) -> float | None:
-        """The second tone of two-tone FSK in Hz: the measured tone nearest to 0.08 · depth_step_hz
-        (200 MHz for 2.5 GHz) below the highest. None if its distance from the highest differs from
-        this by half of it or more."""
+        """The second tone of two-tone FSK in Hz, close to the highest tone: the measured tone that
+        is nearest to COARSE · depth_step_hz (200 MHz for 2.5 GHz) below the highest. None if it
+        differs from that by half of this distance or more."""
         usual_hz, below_hz = (
             COARSE * self.depth_step_hz,
             self.frequencies_hz.max() - self.frequencies_hz,
@@ -154,8 +161,9 @@ class EchoScene:
 
     @property
     def strictness(self) -> float:
-        """How much more a phase error changes the depth of two-tone FSK than that of `pair_hz`: the
-        ratio of both depths per phase, at least 1; 1 if the close tone is not measured."""
+        """How many times more a phase error changes the depth by two-tone FSK, with its close
+        tones, than the depth by the tones of `pair_hz`: at least 1; 1 if the close tone is not
+        measured."""
         high_hz, low_hz = self.pair_hz
         return (
             1.0
@@ -172,19 +180,19 @@ class EchoScene:
 
     @property
     def middle_m(self) -> np.ndarray:
-        """The middle [3] of the target and its balls."""
+        """The mean [3] of the centres of the target and of its balls, metres."""
         middles = [ball.centre_m for ball in self.balls]
         middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
         return np.mean(middles, axis=0)
 
     @property
     def opaque(self) -> bool:
-        """True if there is a target whose surface hides and mirrors."""
+        """True if the scene has a target whose surface blocks and reflects waves."""
         return self.target is not None and not self.target.transparent
 
     def cached(self, key: Hashable, make: Any) -> Any:
-        """Return the value stored in this scene under `key`; the first time, compute it by make()
-        and store it. All estimates of the scene share these values."""
+        """Return the value stored in this scene under `key`. The first time, it is computed by
+        make() and stored, so that all estimates of the scene share it."""
         if key not in self._cache:
             self._cache[key] = make()
         return self._cache[key]

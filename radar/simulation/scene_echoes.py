@@ -1,5 +1,5 @@
-"""The state of a simulation, from the array to recorded samples, which effects change one after
-another."""
+"""The state of a simulation, which is changed by one effect after another, from the ideal array to
+the recorded samples."""
 
 import zlib
 from collections.abc import Callable, Mapping
@@ -25,14 +25,15 @@ TARGET = "echoes"  # row of the target's own echoes in the table of effects and 
 
 @dataclass(frozen=True, eq=False)
 class ScatteringSurface:
-    """The facets of a body that scatter, and how. oblique: with the obliquity of physical optics,
-    else evenly in all directions; layer [p]: which surface layer each facet belongs to (thin skin
-    or palm, front or back of foam); reflection [layers, f]: complex echo amplitude of each layer
-    relative to metal.
+    """The facets of a body that scatter, and how they do.
 
-    seen: masks (bool [t, p], bool [r, p]) of the antennas that see each facet (None: all); sight:
-    complex share of the antennas' fields by diffraction (None: all of it); delay_m [p]: extra
-    one-way path."""
+    oblique: True for the obliquity of physical optics, False to scatter evenly in all directions;
+    layer [p]: index of the surface layer of each facet (thin skin or palm, front or back of foam);
+    reflection [layers, f]: complex echo amplitude of each layer relative to metal. seen: masks
+    (bool [t, p], bool [r, p]) of the antennas that see each facet (None: all); sight: complex
+    factors of the antennas' fields behind diffracting edges (None: 1); delay_m [p]: extra one-way
+    path.
+    """
 
     body: Body
     facets: Facets
@@ -63,12 +64,14 @@ class Echoes:
     Effects are applied in the order of known_effects.toml. The first ones change the array or
     `pattern` (the exponent q of the antennas' pattern cosᵠθ); the next ones change the target's
     surface or add an extra echo (`extra`: effect → function that returns samples [f, t, r]). The
-    first effect that reads `samples` makes them be computed; that effect and later ones store
+    samples are computed when an effect first reads `samples`; this effect and later ones store
     changed samples in `recorded` [frame, f, t, r].
 
-    ball_delay_m [n]: extra one-way path of each ball's echo. with_target: False for the empty room.
-    levels: amplitudes that effects have measured with the target, by effect, reused for the empty
-    room. timed: context manager that measures the time of a named piece of work."""
+    ball_delay_m [n]: extra one-way path of each ball's echo. tolerance: relative error of the fast
+    summation (None: exact sum). with_target: False for the empty room. levels: amplitudes, by
+    effect, that are measured with the target and reused for the empty room. timed: function from
+    the name of a piece of work to a context manager that measures its time.
+    """
 
     scene: EchoScene
     array: AntennaArray
@@ -84,40 +87,42 @@ class Echoes:
     timed: Callable[[str], AbstractContextManager[Any]] = nullcontext
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
-        """Return the seed of an effect (with further `keys`). It depends on the scene's seed and on
-        the effect's name only, so that draws do not change when other effects are switched."""
+        """Return the seed of an effect's random numbers. It depends only on the scene's seed, the
+        effect's name and further `keys`, so that the numbers do not change when other effects are
+        switched on or off."""
         return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
 
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
-        """Return one seed of the effect per frame; the empty room gets others than the target's
-        frames."""
+        """Return one seed of the effect's random numbers per frame. The frames of the empty room
+        have other seeds than those of the target."""
         return [
             self.seed(effect, 0 if self.with_target else 1, frame) for frame in range(self.frames)
         ]
 
     def level(self, name: str, measure: Callable[[], float]) -> float:
-        """Return a level, such as the noise's: measure() with the target, and for the empty room
-        the value stored under `name` when the target was simulated."""
+        """Return a level, such as that of the noise. With the target it is measure(); for the empty
+        room it is the value stored under `name` when the target was simulated."""
         return measure() if self.with_target else self.levels[name]
 
     def record(self, samples: np.ndarray, **levels: float) -> "Echoes":
-        """Return the state with other samples [frame, f, t, r]; `levels` are stored in addition."""
+        """Return the state with changed samples [frame, f, t, r]. `levels` are stored in addition,
+        for the simulation of the empty room."""
         return replace(self, recorded=samples, levels={**self.levels, **levels})
 
     def add(self, effect: str, echo: Callable[[], np.ndarray]) -> "Echoes":
-        """Return the state with one more echo of the target: echo() gives its samples [f, t, r]
-        when they are needed."""
+        """Return the state with one more echo of the target. echo: function that is called when the
+        echo's samples [f, t, r] are needed."""
         return replace(self, extra={**self.extra, effect: echo})
 
     @property
     def points_m(self) -> np.ndarray:
-        """Points [n, 3] of the target's facets and balls."""
+        """Positions [n, 3] of the target's facets and of its balls' centres, metres."""
         facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
     def echo(self, array: AntennaArray) -> np.ndarray:
-        """Simulate the target's samples complex64 [f, t, r] for the antennas of `array`, without
-        extra echoes."""
+        """Simulate the samples of the target's surface and balls with the antennas of `array`:
+        complex64 [f, t, r], without extra echoes such as multiple bounces."""
         samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
         with self.timed(TARGET):
             if self.surface is not None:
@@ -129,8 +134,8 @@ class Echoes:
         return samples
 
     def _surface_echo(self, surface: ScatteringSurface, array: AntennaArray) -> np.ndarray:
-        """Simulate samples complex64 [f, t, r] of a surface: the sum over its layers of the echoes
-        of a layer's facets times its reflection."""
+        """Simulate the samples of a surface: complex64 [f, t, r]. They are the sum over the
+        surface's layers of the echoes of each layer's facets times the layer's reflection."""
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
         every = Scatterers(
@@ -159,8 +164,8 @@ class Echoes:
         return samples
 
     def extra_echoes(self) -> np.ndarray | int:
-        """Compute the sum of the extra echoes (multiple bounces, foam): complex64 [f, t, r], or the
-        number 0 if there are none."""
+        """Compute the sum of the extra echoes (of multiple bounces and foam): complex64 [f, t, r],
+        or the number 0 if there are none."""
         total: np.ndarray | int = 0
         for effect, echo in self.extra.items():
             with self.timed(effect):
@@ -169,8 +174,8 @@ class Echoes:
 
     @cached_property
     def samples(self) -> np.ndarray:
-        """Samples complex64 [frame, f, t, r]: the recorded ones, or else the target's echoes, equal
-        in all frames."""
+        """Samples complex64 [frame, f, t, r]: those that effects have recorded, or else the
+        target's echoes, which are equal in all frames."""
         if self.recorded is not None:
             return self.recorded
         return np.repeat((self.echo(self.array) + self.extra_echoes())[None], self.frames, axis=0)
@@ -182,9 +187,12 @@ def bare_echoes(
     tolerance: float | None = 1e-5,
     levels: Mapping[str, float] | None = None,
 ) -> Echoes:
-    """Return the state of a simulation before any effect: the target's facets, scattering evenly,
-    without shadows. levels: None simulates the target; the levels stored with it instead give the
-    empty room."""
+    """Return the state of a simulation before any effect: the target's facets scatter evenly,
+    without shadows.
+
+    levels: None to simulate the target. To simulate the empty room instead, the levels that effects
+    have measured with the target.
+    """
     body = scene.target if levels is None else None
     surface = None if body is None else ScatteringSurface(body, front_facets(scene, body))
     still = np.zeros(len(scene.balls))
@@ -194,7 +202,7 @@ def bare_echoes(
 
 
 def generator(seed: tuple[int, ...]) -> np.random.Generator:
-    """Return the random number generator for a seed that `Echoes.seed` has made."""
+    """Return the random number generator for a seed from `Echoes.seed`."""
     return np.random.default_rng(np.random.SeedSequence(seed))
 
 
@@ -209,8 +217,8 @@ def require_facets(facets: Facets) -> Facets:
 
 
 def front_facets(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
-    """Return the body's facets that face at least one corner of the box around the antennas, with
-    edges of at most `longest` wavelengths. Computed once per scene."""
+    """Return those facets of the body that face at least one corner of the box around the antennas,
+    with edges of at most `longest` wavelengths. They are computed once per scene."""
     return scene.cached(("facing", id(body), longest), lambda: _front_facets(scene, body, longest))
 
 

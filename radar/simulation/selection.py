@@ -1,8 +1,8 @@
-"""Selection of the effects that a scene is simulated with: a list, or "auto".
+"""Selection of the effects with which a scene is simulated: a list of names, or "auto".
 
-"auto" leaves out an effect that takes time if, by a quick estimate, it changes no method's map by
-more than the tolerance, together with all others that are left out. Effects without an estimate are
-on.
+"auto" leaves out slow effects that a quick estimate shows to be small: together, all effects that
+are left out change no method's depth map by more than the tolerance. Effects that cost little time
+or have no estimate are on.
 """
 
 from dataclasses import dataclass, field
@@ -25,10 +25,12 @@ Wanted = tuple[str, ...] | Literal["auto"]
 
 @dataclass
 class Selection:
-    """What is found out about the effects, by effect. left_out: why it is off; reasons: why it is
-    on; changes: how it changes the depth map of each method, and levels_db: the power of its change
-    to the echoes relative to them, both from simulations without it; costs_s: estimated CPU
-    seconds."""
+    """Findings about the effects, each a dictionary by effect.
+
+    left_out: why the effect is off; reasons: why it is on; changes: how it changes the depth map of
+    each method; levels_db: power of its change to the echoes relative to the echoes (both from
+    simulations without the effect); costs_s: estimated CPU seconds.
+    """
 
     left_out: dict[str, str] = field(default_factory=dict)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -40,13 +42,14 @@ class Selection:
 def choose(
     scene: EchoScene, wanted: Wanted, tolerance_mm: float, explain: bool = False
 ) -> tuple[Choice, ...]:
-    """Choose the effects that a scene is simulated with. Returns one row per effect, in the order
-    of application.
+    """Choose the effects with which a scene is simulated: one row per effect, on or off, in the
+    order of application.
 
-    wanted: "auto", or the names of the effects. tolerance_mm: with "auto", how much the effects
-    left out may together change the depths of any method. explain: add to each row the size of the
-    effect, by coarse simulations with and without it. Raises HandbenchError for a wanted effect
-    that is unknown or whose cause the scene lacks."""
+    wanted: "auto", or the names of the effects. tolerance_mm: for "auto", the largest change of any
+    method's depths by all effects that are left out. explain: also measure the size of each effect,
+    by coarse simulations with and without it, and add it to the row. Raises HandbenchError for a
+    wanted effect that is unknown or whose cause the scene lacks.
+    """
     missing = {effect.id: effect.missing(scene) for effect in EFFECTS}
     if wanted != "auto":
         check_names(wanted)
@@ -68,8 +71,8 @@ def choose(
 
 
 def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:
-    """Choose automatically: leave out effects that by quick estimates together change no method's
-    depths by more than the tolerance. effects: those whose cause the scene has."""
+    """Choose effects automatically: leave out those that by quick estimates together change no
+    method's depths by more than the tolerance. effects: those whose cause the scene has."""
     there, own_s = (
         {effect.id for effect in effects},
         {effect.id: effect.cost_s(scene) for effect in effects},
@@ -106,15 +109,18 @@ def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selec
 
 
 def _container(name: str, on: set[str]) -> str | None:
-    """Return the effect of `on` that includes the effect `name` (a blurred shadow includes a sharp
-    one), directly or through others; None if none does."""
+    """Return the effect among those in `on` that includes the effect `name`, directly or through
+    others, as a blurred shadow includes a sharp one; None if none does."""
     container = CONTAINED.get(name)
     return container if container is None or container in on else _container(container, on)
 
 
 def _explain(found: Selection, scene: EchoScene, effects: list[Effect]) -> None:
-    """Add to `found` how depths and echoes change without each effect, by coarse simulations.
-    Effects that include it are left out together with it; otherwise nothing would change."""
+    """Add to `found` how much each effect changes depths and echoes, by coarse simulations with and
+    without it.
+
+    An effect is left out together with those that include it, since otherwise nothing would change.
+    """
     ablation, there = Ablation(scene, effects, CONTAINED), {effect.id for effect in effects}
     found.costs_s = {effect.id: effect.cost_s(scene) for effect in effects}
     for name in there:

@@ -1,4 +1,4 @@
-"""Simulation of a scene's echoes with the effects that are on."""
+"""Simulation of the capture of a scene, with the effects that are on."""
 
 import time
 from collections.abc import Iterator
@@ -17,8 +17,8 @@ from handbench.support.parallel import one_blas_thread
 
 @dataclass
 class Stopwatch:
-    """Measures seconds per name. While a timed block runs inside another one, its time counts for
-    the inner name only, not for the outer one as well."""
+    """Measures the seconds of named blocks of code. The time of a block that runs inside another
+    one counts only for the inner block."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     _inner: list[float] = field(default_factory=list)
@@ -39,16 +39,19 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class SimulatedCapture:
-    """The result of a simulation. rows: one row per effect (whether it was on, why, and the seconds
-    it took), the target's own echoes first; empty: a capture of the same room without the target,
-    with one frame (None if it was not simulated)."""
+    """The result of a simulation.
+
+    rows: the target's own echoes first, then one row per effect: whether it was on, why, and the
+    seconds it took; empty: a capture of the same room without the target, with one frame (None if
+    it was not simulated).
+    """
 
     capture: RadarCapture
     rows: tuple[Choice, ...]
     empty: RadarCapture | None = None
 
     def subtracted(self) -> "SimulatedCapture":
-        """Return the capture with the samples of the empty room subtracted from every frame. Raises
+        """Return the result with the samples of the empty room subtracted from every frame. Raises
         ValueError if the empty room was not simulated."""
         if self.empty is None:
             raise ValueError("the empty room was not simulated")
@@ -67,8 +70,9 @@ def simulate_scene(
 
     frames: number of frames; they differ only in what is random over time, such as noise.
     tolerance: relative error of the fast summation over scatterers (None: the exact sum, slow).
-    empty: also simulate the room without the target, with the same errors of the sensor but noise
-    of its own."""
+    empty: also simulate the room without the target, with the same sensor errors but another
+    realisation of the noise.
+    """
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
     with one_blas_thread():  # or the last digits would depend on the number of cores
         echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
@@ -88,8 +92,8 @@ def _capture(echoes: Echoes) -> RadarCapture:
 
 
 def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
-    """Apply the effects in `on` in their order and compute the samples. The seconds of each are
-    recorded in `watch`."""
+    """Apply the effects in `on`, in the order of the catalogue, and compute the samples. The
+    seconds of each effect are recorded in `watch`."""
     echoes = replace(echoes, timed=watch.timed)
     for effect in EFFECTS:
         if effect.id in on:

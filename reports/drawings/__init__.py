@@ -1,1 +1,1 @@
-"""Drawings to print at true scale."""
+"""Drawings of boards and calibration targets, to print at true scale."""

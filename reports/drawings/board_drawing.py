@@ -1,6 +1,6 @@
-"""Boards for printing at true scale: single ArUco markers and ChArUco boards.
+"""Drawings of boards (single ArUco markers, ChArUco boards) for printing at true scale.
 
-Everything black is one path, so that viewers leave no hairlines between neighbouring rectangles.
+All black parts are one path, so that viewers show no hairlines between neighbouring rectangles.
 """
 
 from collections.abc import Iterator
@@ -28,16 +28,18 @@ QUIET = 1 / 6
 
 
 def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """Return the printable sheets of a board (ArUco markers, ChArUco) at true scale, the board's x
-    axis to the right. title: printed on each sheet; paper: a name in PAPERS_MM, or "fit" for one
-    sheet as large as needed. Raises HandbenchError for an unknown paper, a marker that the
-    dictionary lacks, and a board that is not flat."""
+    """Return the printable sheets of a board (ArUco markers, ChArUco) at true scale, with the
+    board's x axis to the right.
+    title: printed on each sheet; paper: a name in PAPERS_MM, or "fit" for one sheet as large as
+    needed. Raises HandbenchError for an unknown paper, a marker that the dictionary does not have,
+    and a board that is not flat."""
     return sheets([board_drawing(board, title)], paper)
 
 
 def board_drawing(board: "Board", title: str) -> Drawing:
-    """Return the board as one drawing: all that is black, inside a white border. Raises
-    HandbenchError for a marker that the dictionary lacks and for a board that is not flat."""
+    """Return the board as one drawing: all its black parts, inside a white border. Raises
+    HandbenchError for a marker that the dictionary does not have and for a board that is not
+    flat."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
     quiet_mm = QUIET * MILLIMETRES * max(_sides_m(board) + charuco_m)
@@ -55,9 +57,10 @@ def board_drawing(board: "Board", title: str) -> Drawing:
 
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
-    """Yield everything black on the board as quadrilaterals [4, 2] that do not overlap: corners in
-    mm from the board frame's origin, x to the right and y up on the print. A board whose z axis
-    points into the print (y downwards) is turned about its x axis."""
+    """Yield all black parts of the board as quadrilaterals that do not overlap.
+    Each is [4, 2]: its corners in mm from the origin of the board's frame, x to the right and y up
+    on the print. A board whose z axis points into the print (y downwards) is turned about its x
+    axis."""
     upward = _upward(board)
     for marker in board.marker:
         corners_mm = MILLIMETRES * np.array(marker.corners_m)[:, :2] * (1, upward)
@@ -88,7 +91,8 @@ def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:
 
 def _square(column: int, row: int, side: float) -> np.ndarray:
     """Return the corners [4, 2], in OpenCV's order, of a square centred in a field of a chessboard.
-    column, row: the field; side: of the square. All lengths are in sides of a field, y up."""
+    column, row: the field; side: length of the square's sides. All lengths are in units of a
+    field's side, with y up."""
     return np.array([column + 0.5, -row - 0.5]) + side / 2 * np.array(
         [(-1, 1), (1, 1), (1, -1), (-1, -1)]
     )
@@ -97,10 +101,11 @@ def _square(column: int, row: int, side: float) -> np.ndarray:
 def _modules(
     known: Any, dictionary: str, number: int, corners_mm: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """Yield the black parts of an ArUco marker as quadrilaterals [4, 2] in mm, one for each run of
-    black modules (the marker's smallest squares) in a row. known: OpenCV's dictionary; dictionary:
-    its name; number: the marker's; corners_mm [4, 2]: the marker's corners in OpenCV's order.
-    Raises HandbenchError for a number that the dictionary lacks."""
+    """Yield the black parts of an ArUco marker as quadrilaterals [4, 2] in mm. There is one for
+    each run of black modules (the marker's smallest squares) in a row.
+    known: OpenCV's dictionary; dictionary: its name; number: of the marker; corners_mm [4, 2]: the
+    marker's corners in OpenCV's order. Raises HandbenchError for a number that the dictionary does
+    not have."""
     if number >= len(known.bytesList):
         raise HandbenchError(
             f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to "
@@ -120,9 +125,9 @@ def _modules(
 
 
 def _upward(board: "Board") -> int:
-    """Return 1 if the board frame's z axis points out of the print, −1 if it points into it. Raises
-    HandbenchError for a board that cannot be printed: a marker that is not square, or markers not
-    in one plane and facing one way."""
+    """Return 1 if the z axis of the board's frame points out of the print, −1 if it points into it.
+    Raises HandbenchError for a board that cannot be printed: a marker that is not square, or
+    markers that are not in one plane and facing the same way."""
     turns = set() if board.charuco is None else {1}
     heights_m = [0.0] * len(turns)
     for marker in board.marker:
@@ -151,12 +156,12 @@ def _upward(board: "Board") -> int:
 
 
 def _sides_m(board: "Board") -> list[float]:
-    """Sides of the single markers, metres."""
+    """Return the side length of each single marker of the board, metres."""
     return [float(np.linalg.norm(np.subtract(*marker.corners_m[:2]))) for marker in board.marker]
 
 
 def _sizes(board: "Board") -> str:
-    """Return dictionaries and lengths of the board's markers in words, with which a print can be
+    """Describe the dictionaries and sizes of the board's markers in words, so that a print can be
     checked with a ruler."""
     parts = []
     if board.marker:

@@ -1,7 +1,7 @@
-"""Drawings at true scale on sheets of paper: sizes, tiles with crop marks, PDF and SVG.
+"""Drawings at true scale on sheets of paper: paper sizes, tiles with crop marks, PDF and SVG files.
 
-A drawing is painted in millimetres. Each sheet shows a window of it on axes of exactly the window's
-size, above a scale bar to check the printer.
+A drawing is painted in millimetres. Each sheet shows a window of the drawing on axes of exactly the
+window's size, and below it a scale bar to check the printer.
 """
 
 import re
@@ -47,9 +47,9 @@ THIN, GREY = 0.25, "0.55"  # points; colour of what is no edge
 
 @dataclass(frozen=True)
 class Drawing:
-    """A drawing to print at true scale. width_mm, height_mm: its size; title, note: two lines of
-    text at the foot of each sheet; paint: a function that draws it on axes in mm, origin at the
-    lower left, y up."""
+    """A drawing to print at true scale.
+    width_mm, height_mm: its size; title, note: two lines of text at the foot of each sheet; paint:
+    function that draws it on axes in mm, with the origin at the lower left and y up."""
 
     width_mm: float
     height_mm: float
@@ -59,9 +59,9 @@ class Drawing:
 
 
 def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
-    """Return the printable sheets of some drawings, one figure of the paper's size each. A drawing
-    that does not fit on a sheet is cut into overlapping tiles with crop marks. Raises
-    HandbenchError for an unknown paper and for a drawing larger than LARGEST_MM."""
+    """Return the printable sheets of several drawings, each as a figure of the paper's size.
+    A drawing that does not fit on one sheet is cut into overlapping tiles with crop marks. Raises
+    HandbenchError for an unknown paper and for a drawing larger than 5 m (LARGEST_MM)."""
     for drawing in drawings:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
             size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
@@ -81,7 +81,7 @@ def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
 
 
 def usable_mm(paper: str) -> tuple[float, float]:
-    """Return width and height in mm of the printable area of a sheet in landscape; infinite for the
+    """Return width and height, mm, of the printable area of a sheet in landscape; infinite for the
     paper "fit". Raises HandbenchError for an unknown paper."""
     if paper == FIT:
         return np.inf, np.inf
@@ -92,9 +92,10 @@ def usable_mm(paper: str) -> tuple[float, float]:
 
 
 def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.ndarray]]:
-    """Return how a drawing is cut into sheets: the page's width and height in mm, and for each
-    sheet the window of the drawing that it shows, [left, bottom, width, height] in mm, row by row
-    from the top. The page is in portrait or landscape, whichever needs fewer sheets."""
+    """Decide how a drawing is cut into sheets.
+    Returns the page's width and height in mm, and for each sheet the window of the drawing that it
+    shows, [left, bottom, width, height] in mm, row by row from the top. The page is in portrait or
+    landscape, whichever needs fewer sheets."""
     usable_mm(paper)  # refuses an unknown one
     if paper == FIT:
         width = max(drawing.width_mm + 2 * MARGIN_MM, LEAST_WIDTH_MM)
@@ -112,8 +113,9 @@ def tiles(drawing: Drawing, paper: str) -> tuple[tuple[float, float], list[np.nd
 
 
 def _starts(length_mm: float, window: float) -> np.ndarray:
-    """Return the start positions in mm of as few full windows as cover a length and overlap by at
-    least OVERLAP_MM; [0] if one window is enough."""
+    """Return where windows start, mm, of which as few as possible cover a length and overlap by at
+    least 10 mm (OVERLAP_MM); [0] if one window is enough.
+    window: length of each window, mm."""
     if length_mm <= window + 1e-9:
         return np.zeros(1)
     count = int(np.ceil((length_mm - OVERLAP_MM) / (window - OVERLAP_MM) - 1e-9))
@@ -154,8 +156,9 @@ def _sheet(
 def _axes(
     figure: Figure, page_mm: tuple[float, float], place: np.ndarray, window: np.ndarray
 ) -> Axes:
-    """Return new axes that show a part of a drawing at true scale. place: where on the page;
-    window: which part; both [left, bottom, width, height] in mm."""
+    """Add axes to a page that show a part of a drawing at true scale, and return them.
+    place: position on the page; window: the part of the drawing; both are [left, bottom, width,
+    height] in mm."""
     axes = figure.add_axes(tuple(place / (*page_mm, *page_mm)))
     axes.set(xlim=(window[0], window[0] + window[2]), ylim=(window[1], window[1] + window[3]))
     axes.set_axis_off()
@@ -163,9 +166,10 @@ def _axes(
 
 
 def _marks(page: Axes, corner: np.ndarray, window: np.ndarray, drawing: Drawing) -> None:
-    """Draw crop marks outside a tile's corners, and ticks where the edges of its right and its
-    lower neighbour lie. corner: the tile's lower left corner on the page, mm; window: the part of
-    the drawing that it shows, [left, bottom, width, height] in mm."""
+    """Draw crop marks outside the corners of a tile, and ticks where the edges of the neighbouring
+    tiles at its right and below it will be.
+    corner: lower left corner of the tile on the page, mm; window: the part of the drawing that it
+    shows, [left, bottom, width, height] in mm."""
     (left, bottom), (right, top) = corner, corner + window[2:]
     for x, outward in ((left, -1), (right, 1)):
         for y, upward in ((bottom, -1), (top, 1)):
@@ -190,15 +194,15 @@ def line(
     color: str = "black",
     dashed: bool = False,
 ) -> Line2D:
-    """Draw a line on axes in mm and return it. x_mm, y_mm [n]: its points; width: in printer's
-    points."""
+    """Draw a line on axes in mm, and return it.
+    x_mm, y_mm [n]: its points; width: in printer's points."""
     style = "--" if dashed else "-"
     return axes.add_line(Line2D(x_mm, y_mm, lw=width, color=color, ls=style, solid_capstyle="butt"))
 
 
 def _plain(text: str) -> str:
-    """Return a text cut to the space at a sheet's foot, with "?" for characters that the font may
-    lack: a file's name may contain any."""
+    """Return a text shortened to fit at the foot of a sheet. Characters that the font may not have,
+    which a file name can contain, become "?"."""
     shown = "".join(
         c if c.isprintable() else "?" for c in text.encode("latin-1", "replace").decode("latin-1")
     )
@@ -206,9 +210,10 @@ def _plain(text: str) -> str:
 
 
 def save(path: str | Path, figures: Sequence[Figure]) -> None:
-    """Write sheets to a PDF or, a single one, to an SVG; an existing file is replaced at the very
-    end. The same drawing gives the same bytes. Raises HandbenchError for another suffix and for an
-    SVG of several sheets."""
+    """Write sheets to a PDF file, or a single sheet to an SVG file; an existing file is replaced
+    when the new one is complete.
+    The same drawing gives the same bytes. Raises HandbenchError for another suffix and for an SVG
+    of several sheets."""
     path = Path(path)
     check_suffix(path, (".pdf", ".svg"))
     svg = path.suffix.lower() == ".svg"
@@ -234,6 +239,6 @@ def save(path: str | Path, figures: Sequence[Figure]) -> None:
 
 
 def check_suffix(path: Path, known: Sequence[str]) -> None:
-    """Raise a HandbenchError if a file's suffix is none of the `known` formats."""
+    """Raise a HandbenchError if the suffix of a file is not one of the `known` formats."""
     if path.suffix.lower() not in known:
         raise HandbenchError(f"{path}: ends in '{path.suffix}'; expected {', '.join(known)}")

@@ -1,7 +1,7 @@
-"""The calibration target on paper at true scale: views, dimensions, parts list and drilling
-template.
+"""Drawing of the calibration target at true scale, for its manufacture: views, dimensions, parts
+list and drilling template.
 
-The front view shows the target from the radar, so that x grows to the left; the side view is from
+The front view shows the target from the radar, so that x grows to the left. The side view is from
 the viewer's right, with the radar on its left (third-angle projection). The front view is also the
 template for the carrier.
 """
@@ -42,9 +42,10 @@ NOTES = (
 
 def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
     """Return the printable sheets of the calibration target (metal balls in foam spheres) at true
-    scale: front and side view with the list of parts, together on one sheet if they fit side by
-    side. title: printed on each sheet; paper: as in `sheets`. Raises HandbenchError for an unknown
-    paper."""
+    scale.
+    They show front and side view and the list of parts, on one sheet if they fit next to each
+    other. title: printed on each sheet; paper: a name in PAPERS_MM, or "fit" for one sheet as large
+    as needed. Raises HandbenchError for an unknown paper."""
     views, table = _Views(target), _parts(target)
     width, depth, height = views.high_mm - views.low_mm
     note = (
@@ -68,9 +69,9 @@ def target_sheets(target: "Target", title: str, paper: str) -> list[Figure]:
 
 
 class _Views:
-    """Front and side view of the target with their dimensions. Centres are kept as [n, 3] in mm
-    with the columns of the page: to the right in the front view (−x), to the right in the side view
-    (z), up (y)."""
+    """Front and side view of the calibration target with their dimensions.
+    Centres are stored as [n, 3] in mm, with columns for directions on the page: to the right in the
+    front view (−x), to the right in the side view (z), and up (y)."""
 
     def __init__(self, target: "Target") -> None:
         self.centres_mm = MILLIMETRES * target.centres_m[:, [0, 2, 1]] * (-1, 1, 1)
@@ -87,8 +88,8 @@ class _Views:
         self.side = np.array([self.side_mm, BAND_MM]) - self.low_mm[[1, 2]]
 
     def paint(self, axes: Axes) -> None:
-        """Draw both views on axes in mm: lines to the dimensions first, so that they are beneath,
-        then spheres, balls, numbers and, dashed, the drilled holes."""
+        """Draw both views on axes in mm: first the lines to the dimensions, so that they are in the
+        background, then spheres, balls, numbers and, dashed, the drilled holes."""
         self._ordinates(axes)
         for columns, place in (([0, 2], self.front), ([1, 2], self.side)):
             points_mm = self.centres_mm[:, columns] + place
@@ -114,9 +115,9 @@ class _Views:
             line(axes, [back, ground, ground, back], sides, 0.4, dashed=True)
 
     def _numbers(self, axes: Axes, points_mm: np.ndarray) -> None:
-        """Write the number of each ball with its foam sphere (an element of the target) next to the
-        ball, on the target's outer side if there is room. points_mm [n, 2]: the centres in this
-        view."""
+        """Write the number of each element (a ball with its foam sphere) next to its ball, on the
+        target's outer side if there is room.
+        points_mm [n, 2]: the centres in this view."""
         # half sizes
         taken = [
             (point, np.full(2, ball)) for point, ball in zip(points_mm, self.ball_mm, strict=True)
@@ -164,15 +165,16 @@ class _Views:
         axes.text(left + 3, self.height_mm - 3, "y ↑", ha="center")
 
     def _members(self, column: int, value: float) -> np.ndarray:
-        """Return the centres [n, 3] in mm that have this value in a column. If there are none,
-        return the point of the drawn area that is nearest to the frame's origin, [1, 3]."""
+        """Return the centres [n, 3] in mm that have a given value in one column. If there are none,
+        return the point of the drawn area that is nearest to the origin of the frame, [1, 3]."""
         members = self.centres_mm[np.abs(self.centres_mm[:, column] - value) < SAME_MM]
         return members if len(members) else np.clip(np.zeros((1, 3)), self.low_mm, self.high_mm)
 
     def _spread(self, column: int) -> Iterator[tuple[float, float]]:
-        """Yield each different value of a column of the centres, and zero if the views show it,
-        together with the position of its number; positions are TEXT_MM or more apart, so that no
-        two numbers overlap."""
+        """Yield each different coordinate in one column of the centres, mm, with the position of
+        its number on the page.
+        Zero is included if it is inside the view. Positions are at least one line of text apart
+        (TEXT_MM), so that numbers do not overlap."""
         zero = [0.0] if self.low_mm[column] < 0 < self.high_mm[column] else []
         values = np.sort([*self.centres_mm[:, column], *zero])
         values = values[np.diff(values, prepend=-np.inf) > SAME_MM]
@@ -183,8 +185,8 @@ class _Views:
 
 
 def _parts(target: "Target") -> list[Sequence[str]]:
-    """Return the list of parts line by line, each line as its cells or as one text: coordinates,
-    diameters, lengths of holes and spacers in mm, materials, and notes for building the target."""
+    """Return the list of parts, each line as its cells or as one text: coordinates, diameters,
+    lengths of holes and spacers in mm, materials, and notes for building the target."""
     e = target.element
     back_m = max(one.centre_m[2] + one.sphere_radius_m for one in e)
     radii_m = [(one.centre_m[2], one.sphere_radius_m, one.ball_radius_m) for one in e]
@@ -205,7 +207,8 @@ def _parts(target: "Target") -> list[Sequence[str]]:
 
 
 def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
-    """Return rows of text: a running number from 1 on, and the lengths (given in metres) in mm."""
+    """Return rows of text: a number from 1 on, followed by the given lengths, converted from metres
+    to mm."""
     return [
         (str(i), *(_mm(MILLIMETRES * length_m) for length_m in row))
         for i, row in enumerate(lengths_m, 1)
@@ -213,8 +216,9 @@ def _rows(lengths_m: Sequence[Sequence[float]]) -> list[Sequence[str]]:
 
 
 def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: float) -> None:
-    """Write the list of parts on axes in mm from the top down: cells aligned right, headings bold.
-    left_mm, top_mm: its upper left corner."""
+    """Write the list of parts on axes in mm, from the top downwards, with cells aligned right and
+    headings bold.
+    left_mm, top_mm: upper left corner of the list."""
     for i, cells in enumerate(table):
         y = top_mm - TEXT_MM * (i + 1)
         if len(cells) == 1:
@@ -227,8 +231,9 @@ def _write(axes: Axes, table: Sequence[Sequence[str]], left_mm: float, top_mm: f
 
 
 def _coincident(points_mm: np.ndarray) -> list[list[int]]:
-    """Group the points [n, 2] in mm of one view by position. Returns lists of indices; points that
-    lie on one another, closer than SAME_MM in each direction, are in one list."""
+    """Group the points [n, 2] in mm of one view by position.
+    Returns lists of indices; points that are closer than 0.005 mm (SAME_MM) in both directions are
+    in one list."""
     groups: list[list[int]] = []
     for i, point in enumerate(points_mm):
         same = next((g for g in groups if np.abs(points_mm[g[0]] - point).max() < SAME_MM), None)
@@ -237,6 +242,6 @@ def _coincident(points_mm: np.ndarray) -> list[list[int]]:
 
 
 def _mm(value: float) -> str:
-    """Format a length in mm with two decimals, or one if the second is 0."""
+    """Format a length in mm with two decimals, or with one if the second decimal is 0."""
     text = f"{round(value, 2) + 0.0:.2f}"
     return (text[:-1] if text.endswith("0") else text).replace("-", "−")

@@ -1,1 +1,1 @@
-"""Figures of a result."""
+"""Figures of results, depth maps, meshes and recordings."""

@@ -1,5 +1,5 @@
-"""Charts of an entire result: errors against time, their distribution, scatter of repeats, errors
-by cause, and the reliability of the methods' σ."""
+"""Charts of a whole result: error against time, distribution of errors, scatter over repeats,
+errors by cause, and reliability of the methods' σ."""
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
@@ -40,11 +40,11 @@ LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
     """Yield the pictures that summarise all captures of a result: error against time, distribution
-    of the errors, error over completeness, and scatter over repeats. A picture is left out where
-    the result has no data for it.
+    of the errors, error over completeness, and scatter over repeats. A picture is left out if the
+    result has no data for it.
 
-    counts: numbers of pixels as from `error_counts` over all scored captures; counted here if they
-    are not given, which reads every error map.
+    counts: numbers of pixels by error, over all captures that are compared with a reference, as
+    `error_counts` returns them. If None, they are counted here, which reads every error map.
     """
     if (result.table.metric == HEADLINE).any():
         yield accuracy_against_time(result)
@@ -57,9 +57,10 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
 
 
 def accuracy_against_time(result: Result) -> Picture:
-    """Plot each method's mean absolute error over its seconds per frame, one panel for each
-    reference surface, with the 95 % intervals of both as error bars. An open marker shows the error
-    that the paper reports, drawn at the time measured here."""
+    """Plot the mean absolute error of each method over its seconds per frame, with one panel for
+    each reference surface.
+    Error bars show the 95 % intervals of both. An open marker shows the error that the paper
+    reports, drawn at the time measured here."""
     scored = set(result.table.reference[result.table.metric == HEADLINE])
     references = [reference for reference in DRAWN if reference in scored]
     figure, axes = side_by_side(len(references))
@@ -111,9 +112,10 @@ def accuracy_against_time(result: Result) -> Picture:
 
 
 def error_distributions(result: Result, counts: Counts) -> Picture:
-    """Plot the cumulative distribution of each method's errors: the share in % of the observed
-    pixels of all captures whose |z − z_ref| is not above the abscissa, one panel for each reference
-    surface. counts: numbers of pixels as from `error_counts`."""
+    """Plot the cumulative distribution of each method's errors, with one panel for each reference
+    surface: the share in % of the observed pixels of all captures whose |z − z_ref| is at most the
+    value on the x axis.
+    counts: numbers of pixels by error, as `error_counts` returns them."""
     references = [r for r in DRAWN if any(r in capture.references for capture in result.scored())]
     figure, axes = side_by_side(len(references))
     for axis, reference in zip(axes, references, strict=True):
@@ -141,9 +143,10 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
 
 
 def risk_coverage(result: Result) -> Picture:
-    """Plot error over completeness: for each share of the surface in %, the mean absolute error in
-    mm of the strongest pixels that make up this share, a line for each method. One panel shows the
-    depth maps unsmoothed, the other all of them smoothed in the same way."""
+    """Plot error over completeness, with a line for each method: for each share of the surface in
+    %, the mean absolute error in mm of the strongest pixels that cover this share.
+    One panel shows the depth maps without smoothing, the other all of them with the same
+    smoothing."""
     figure, axes = side_by_side(len(TREATMENTS))
     reference = result.curves.reference.iloc[0]
     for axis, (treatment, words) in zip(axes, TREATMENTS.items(), strict=True):
@@ -171,9 +174,9 @@ def risk_coverage(result: Result) -> Picture:
 
 
 def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
-    """Count pixels by the size of their error, over some captures. Returns an array for each pair
-    (method, reference): at i the number of observed pixels with |z − z_ref| up to EDGES_MM[i], and
-    as last value the number of all observed pixels."""
+    """Count the pixels of several captures by the size of their error: (method, reference) → array.
+    Value i of an array is the number of observed pixels with |z − z_ref| up to a limit,
+    EDGES_MM[i]; the last value is the number of all observed pixels."""
     counts = {
         (m.name, reference): np.zeros(len(EDGES_MM) + 1, int)
         for m in methods(result)
@@ -191,14 +194,14 @@ def error_counts(result: Result, captures: Iterable[CaptureFacts]) -> Counts:
 
 
 def total_counts(parts: Iterable[Counts]) -> Counts:
-    """Return the sum of counts that `error_counts` gave for several groups of captures; the groups
-    must not overlap, since a capture in two of them counts twice."""
+    """Return the sum of the pixel counts that `error_counts` gave for several groups of captures.
+    The groups must not overlap, because a capture in two of them would count twice."""
     return reduce(lambda a, b: {key: a[key] + b[key] for key in a}, parts)
 
 
 def repeats(result: Result) -> Picture:
-    """Plot the precision: for each method and hand the depth of the strongest scatterer in every
-    repeat of the hand's capture, in mm from the mean over these repeats."""
+    """Plot the precision: for each method and hand, the depth of the strongest scatterer in every
+    repeated frame, in mm from the mean over these frames."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
@@ -238,9 +241,9 @@ def repeats(result: Result) -> Picture:
 
 
 def cause_charts(result: Result) -> Iterator[Picture]:
-    """Yield the charts that explain the errors: for each reference surface the errors by cause
-    (`by_cause`), and one chart of whether the methods' predicted σ is right (`reliability`). A
-    chart without data is left out."""
+    """Yield the charts that explain the errors: for each reference surface, the errors grouped by
+    cause; and one chart that shows whether the methods' predicted σ is right. A chart without data
+    is left out."""
     for reference in DRAWN:
         causes = result.causes[result.causes.reference == reference]
         if len(causes):
@@ -250,17 +253,18 @@ def cause_charts(result: Result) -> Iterator[Picture]:
 
 
 def bin_label(line: Any) -> str:
-    """Return the text under one bin of a cause's axis: the part of the hand, or the range of values
-    as "10–20", or "≥ 20" for the last bin. line: a row of the result's table `causes`."""
+    """Return the label of one group of pixels on the axis of a cause: the part of the hand, or a
+    range of values such as "10–20", or "≥ 20" for the last range.
+    line: a row of the result's table `causes`."""
     return line.part or (
         f"{line.low:g}–{line.high:g}" if line.high == line.high else f"≥ {line.low:g}"
     )
 
 
 def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
-    """Plot each method's mean absolute error (above) and mean signed error (below) in mm over the
-    bins of each cause in CAUSES, as incidence angle or part of the hand. causes: the rows of the
-    result's table `causes` for this reference surface."""
+    """Plot each method's mean absolute error (above) and mean signed error (below), in mm, for
+    groups of pixels by cause of error, such as ranges of incidence angle or parts of the hand.
+    causes: the rows of the result's table `causes` for this reference surface."""
     shown = [cause for cause in CAUSES if (causes.cause == cause).any()]
     widths = [
         causes[causes.cause == cause].groupby(["part", "low"], dropna=False).ngroups + 1
@@ -309,8 +313,8 @@ def by_cause(result: Result, causes: pd.DataFrame, reference: str) -> Picture:
 
 
 def reliability(result: Result) -> Picture:
-    """Plot how often the error lies inside the interval that a method's predicted σ promises:
-    observed over nominal share in %, a line for each method that predicts σ, one panel for each
+    """Plot how often the error is inside the interval that a method's predicted σ gives: observed
+    over nominal share in %, with a line for each method that predicts σ and a panel for each
     reference surface."""
     lines = result.reliability[result.reliability.pixels == "all"]
     references = [reference for reference in DRAWN if (lines.reference == reference).any()]
@@ -337,8 +341,8 @@ def reliability(result: Result) -> Picture:
 
 
 def _of_methods(result: Result, lines: pd.DataFrame) -> Iterator[tuple[MethodFacts, pd.DataFrame]]:
-    """Yield each method that occurs in a table together with its rows, in the order in which
-    methods are drawn."""
+    """Yield each method that occurs in a table, together with its rows, in the order in which
+    pictures show the methods."""
     for method in methods(result):
         mine = lines[lines.method == method.name]
         if len(mine):

@@ -1,4 +1,4 @@
-"""Depth maps and error maps as seen from the array: x grows to the left, as in the photograph."""
+"""Figures of depth maps and error maps, as seen from the array, so that x grows to the left."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -55,8 +55,8 @@ Row = Sequence[Layer | np.ndarray | None]
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
-    """Yield the pictures of one capture: depth maps of all methods with their errors against the
-    first reference surface, then the errors against each further one."""
+    """Yield the pictures of one capture: the depth maps of all methods with their errors against
+    the first reference surface, and a picture of the errors for each further reference."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
         yield depth_maps(result, capture, *references[:1])
@@ -66,8 +66,9 @@ def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
     """Draw the depth maps of all methods next to the reference surface, on one colour scale as in
-    the paper's Fig. 3 and 4. Below them stand the photograph, if there is one, and the methods'
-    signed errors. Without a reference: only the photograph and the depth maps."""
+    the paper's Fig. 3 and 4.
+    Below them are the photograph, if there is one, and the methods' signed errors. Without a
+    reference, only the photograph and the depth maps are drawn."""
     found = [result.surface(capture.name, method.name) for method in methods(result)]
     surfaces = ([result.surface(capture.name, reference)] if reference else []) + found
     norm, photo = depth_scale(surfaces[0]), result.photo(capture.name)
@@ -101,7 +102,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
 
 def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture:
     """Draw the signed errors of every method against one reference surface, as in the paper's Fig.
-    4. All captures have the same colour scale."""
+    4. The colour scale is the same for all captures."""
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
@@ -112,9 +113,10 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """Draw a true surface and the depth maps of some methods in a row, with their signed errors
-    below. shown: for each method its title, its depths z_m [ny, nx] in metres (NaN: not seen), and
-    its error map, whose reference depths are the true surface."""
+    """Draw a true surface and the depth maps of several methods in a row, with their signed errors
+    below.
+    shown: for each method, its title, its depths z_m [ny, nx] in metres (NaN where not observed),
+    and its error map, whose reference depths are the true surface."""
     maps = [errors for *_, errors in shown]
     truth = SurfaceMap(maps[0].x_m, maps[0].y_m, maps[0].reference_z_m)
     norm = depth_scale(truth)
@@ -133,7 +135,8 @@ def _errors(
     result: Result, capture: CaptureFacts, reference: str, timed: bool
 ) -> tuple[list[Layer], str]:
     """Return the panels of all methods' signed errors for one capture, and a description of them
-    for screen readers. A panel's title is the method's mean error, with `timed` also its name and
+    for screen readers.
+    The title of a panel is the method's mean error; with `timed` also the method's name and
     time."""
     shown, words = [], []
     for m in methods(result):
@@ -146,7 +149,7 @@ def _errors(
 
 
 def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
-    """Return a panel's title: the method's name, its mean error if given, and its time per
+    """Return the title of a panel: the method's name, its mean error if given, and its time per
     frame."""
     time = time_text(result, method)
     if narrow():
@@ -155,7 +158,7 @@ def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
 
 
 def mean_text(result: Result, error_m: np.ndarray) -> str:
-    """Return the mean of |error| over the observed pixels in mm, in words with the metric's title.
+    """Return the mean of |error| over the observed pixels as text, such as "MAE 1.23 mm".
     error_m [ny, nx]: signed errors in metres, NaN where unobserved."""
     seen = error_m[np.isfinite(error_m)]
     return (
@@ -170,10 +173,10 @@ def _title_of(panel: Layer | np.ndarray | None) -> str:
 
 
 def sheet(rows: Sequence[Row], box: Box) -> Figure:
-    """Draw rows of panels, each a map or a photograph, as one figure. box: the visible part of
-    every map (left, right, bottom, top in mm). A row that is too long is broken into several; each
-    row has a colour bar at its right. Only outer axes have numbers and names; a place without a
-    panel (None) stays blank."""
+    """Draw rows of panels, each a map or a photograph, as one figure.
+    box: the visible part of every map (left, right, bottom, top in mm). A row that is too long is
+    broken into several; each row has a colour bar at its right. Only outer axes have numbers and
+    labels. The place of a panel that is None stays blank."""
     count = max(map(len, rows))
     abreast, wide, gap, left, right, bar_wide = COLUMN if narrow() else PAGE
     columns = math.ceil(count / math.ceil(count / abreast))
@@ -215,7 +218,8 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
 
 
 def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
-    """Draw a map's colour scale on an axis; that of signed errors has ticks with signs."""
+    """Draw the colour scale of a map on an axis. The ticks of a scale of signed errors have
+    signs."""
     bar = figure.colorbar(
         ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
     )
@@ -227,8 +231,9 @@ def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
 
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
-    """Draw a panel on an axis: a map in mm, cut to `box` (left, right, bottom, top) and with ticks
-    but no numbers, a photograph, or nothing for None."""
+    """Draw a panel on an axis: a map in mm or a photograph; None draws nothing.
+    box: the visible part of a map (left, right, bottom, top in mm). A map has ticks but no
+    numbers."""
     # given, because finding it takes as long as drawing the axes
     axis.set_title(_title_of(panel), y=1.0)
     if not isinstance(panel, Layer):
@@ -256,8 +261,10 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
 
 
 def ticks_mm(side: str, box: Box) -> np.ndarray:
-    """Return the positions in mm of the ticks along one side of a box. Along x, on a page, there
-    are none at the edges, where numbers would touch those of the next panel."""
+    """Return the positions in mm of the ticks along one side of a box (left, right, bottom, top in
+    mm).
+    On an HTML page, the x axis has none at its ends, where numbers would touch those of the next
+    panel."""
     low, high = sorted(box[:2] if side == "x" else box[2:])
     most, pruned = (
         {"x": 2 if narrow() else 4, "y": 4 if narrow() else 5}[side],
@@ -270,7 +277,8 @@ def ticks_mm(side: str, box: Box) -> np.ndarray:
 
 
 def _number(axis: Axes, side: Literal["x", "y"], box: Box) -> None:
-    """Write the numbers at the ticks along one side of an outer axis; a photograph gets none."""
+    """Write the numbers at the ticks along one side of an outer axis. The axis of a photograph has
+    none."""
     if axis.axison:
         axis.set(**{f"{side}ticks": ticks_mm(side, box)})
         axis.tick_params(length=2.5, width=0.6)

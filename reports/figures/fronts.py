@@ -1,5 +1,5 @@
-"""Pictures of a trade-off: error against time of every setting, with the front of those that no
-other beats, and the parts of each setting's time."""
+"""Pictures of a trade-off: error against time of every setting, with those that no other beats (the
+front), and how the time of each setting is divided."""
 
 from collections.abc import Iterator
 from textwrap import wrap
@@ -37,8 +37,9 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Yield the pictures of a trade-off: for each section (as imaging or ground truth) error
-    against time of its settings and, where the parts of the time are known, a bar chart of them."""
+    """Yield the pictures of a trade-off. For each section, such as imaging or ground truth, this is
+    error against time of its settings, and a bar chart of how the time is divided, if that is
+    known."""
     for about in found.facts.sections:
         settings = found.section(about.name)
         if any(is_plottable(setting) for setting in settings):
@@ -48,15 +49,15 @@ def pictures(found: Tradeoff) -> Iterator[Picture]:
 
 
 def is_plottable(setting: Setting) -> bool:
-    """True if a setting's error and time are known and above zero, so that it has a place on
+    """Tell whether a setting's error and time are known and above zero, so that it can be drawn on
     logarithmic axes."""
     return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot error over seconds of all settings of one section. The front, the settings that no other
-    beats, is shown as numbered points, the other settings faint, and the reference setting in a
-    square. Colours and markers are those of the methods, where settings have one."""
+    """Plot error over seconds of all settings of one section of a trade-off.
+    Settings that no other beats (the front) are numbered points, the others are faint, and the
+    reference setting is in a square. If settings have a method, they have its colour and marker."""
     shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
     # some settings have no method
@@ -150,9 +151,9 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
 
 
 def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Setting]) -> None:
-    """Write numbers next to the front's points (`best`), where they cover no other setting, no
-    interval and not the line that joins the front. shown: all settings drawn; line: those that the
-    line joins."""
+    """Write numbers next to the points of the front (`best`), where they cover no other setting, no
+    interval and not the line that joins the front.
+    shown: all settings drawn; line: the settings that the line joins."""
     ends = [
         [(s.seconds_low, s.error), (s.seconds_high, s.error)]
         for s in shown
@@ -165,14 +166,15 @@ def _number(axis: Axes, best: list[Setting], shown: list[Setting], line: list[Se
 
 
 def metric_words(about: Section) -> str:
-    """Return a section's metric in words, as "MAE" for mae_mm: without its unit."""
+    """Return the error metric of a trade-off's section in words and without its unit, such as "MAE"
+    for mae_mm."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
 
 
 def _ratios(axis: Axes, title: str, seconds: float) -> None:
-    """Add a second time axis at the top, in multiples of the reference setting's seconds. title:
-    the reference's."""
+    """Add a second time axis at the top, in multiples of the time of the reference setting.
+    title, seconds: of the reference setting."""
     above = axis.secondary_xaxis(
         "top", functions=(lambda s: np.divide(s, seconds), lambda r: np.multiply(r, seconds))
     )
@@ -183,8 +185,9 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
 
 
 def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
-    """Return the legend's entries: one for each method's colour and marker, one for the front and,
-    if `reference`, one for the square around the reference setting."""
+    """Return the entries of the legend: one for each method, one for the front and, if `reference`
+    is true, one for the square around the reference setting.
+    styles: method → colour and marker."""
     handles = [
         Line2D(
             [],
@@ -208,17 +211,18 @@ def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[
 
 
 def parts(setting: Setting) -> list[float]:
-    """Return the seconds of one frame's acquisition, imaging and extraction of depths, 0 for an
-    unknown one; [] if none is known."""
+    """Return the seconds that acquisition, imaging and extraction of depths take for one frame; 0
+    for an unknown one, and [] if none is known."""
     values = [getattr(setting, part) for part in PARTS]
     return [value or 0.0 for value in values] if any(values) else []
 
 
 def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot where the time goes, two bars for each setting: at the left the shares in % of
-    acquisition, imaging and extraction in a frame's time, with the total in seconds; at the right
-    the seconds of preparation (the plan) that are spent once for a geometry and shared by many
-    frames. At most BARS settings are drawn, those on the front first."""
+    """Plot how the time of each setting is divided, as two bars.
+    The left bar has the shares in % of acquisition, imaging and extraction of depths in the time of
+    a frame, and the total in seconds. The right bar has the seconds of the preparation (plan),
+    which is done once for a geometry and shared by many frames. At most 40 settings (BARS) are
+    drawn, those on the front first."""
     with_parts = sorted((s for s in settings if parts(s)), key=lambda s: not s.on_front)
     known, left_out = sorted(with_parts[:BARS], key=lambda s: sum(parts(s))), len(with_parts[BARS:])
     names = ["\n".join(wrap(s.title, 24)) if narrow() else s.title for s in known]
@@ -272,10 +276,12 @@ def _parts_in_words(setting: Setting) -> list[str]:
 
 
 def error_text(s: Setting) -> str:
-    """Format a setting's error with its 95 % interval in brackets, without the unit."""
+    """Format the error of a setting, followed by its 95 % interval in brackets, without the
+    unit."""
     return figure_text(s.error, s.low, s.high, s.unit)
 
 
 def seconds_text(s: Setting) -> str:
-    """Format a setting's time in seconds with its range over the repeats in brackets."""
+    """Format the time of a setting in seconds, followed by its range over the repeats in
+    brackets."""
     return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")

@@ -1,5 +1,5 @@
-"""Panels that show a map over x and y in millimetres, their colour scales, and figures of several
-panels."""
+"""Panels that show a map over x and y in millimetres, their colour scales, and figures made of
+several panels."""
 
 import math
 from collections.abc import Sequence
@@ -53,12 +53,12 @@ Box = tuple[float, float, float, float]  # left, right, bottom, top in mm; left 
 
 @dataclass(frozen=True)
 class Layer:
-    """One panel of a figure: a map on evenly spaced pixel centres x_mm [nx], y_mm [ny], of values
-    [ny, nx] or of RGB colours [ny, nx, 3].
+    """One panel of a figure: a map of values [ny, nx] or of RGB colours [ny, nx, 3], at evenly
+    spaced pixel centres x_mm [nx], y_mm [ny].
 
-    For values: colours (a colour map's name), norm (the scale), label (of the colour bar; empty: no
-    bar of its own) and ticks (its numbers). axes: names of the two axes; outline [ny, nx]: True for
-    the pixels to encircle; box: the visible part (None: all).
+    For values: colours is the name of a colour map, norm the colour scale, label the label of the
+    colour bar ("": no colour bar) and ticks its numbers. axes: labels of the two axes; outline [ny,
+    nx]: True for the pixels around which a line is drawn; box: the visible part (None: all).
     """
 
     title: str
@@ -75,8 +75,8 @@ class Layer:
 
     @property
     def shown_mm(self) -> Box:
-        """The visible part as left, right, bottom, top in mm: the panel's box, or else the outer
-        edges of its pixels. Left is larger than right, since x grows to the left."""
+        """The visible part as left, right, bottom, top in mm: the panel's box or, without one, the
+        outer edges of its pixels. Left is larger than right, because x grows to the left."""
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
@@ -98,8 +98,9 @@ class Layer:
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
-    """Draw panels in a row, a millimetre equally long in all of them, under one title. x, and in a
-    view from the side z, grow to the left, unless their places descend."""
+    """Draw panels in a row under one title, with the same scale in all panels.
+    The horizontal axis (x, or z in a view from the side) grows to the left, unless its values are
+    descending."""
     spans_mm = np.abs(
         [(box[0] - box[1], box[3] - box[2]) for box in (layer.shown_mm for layer in layers)]
     )
@@ -143,8 +144,9 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
 
 
 def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
-    """Return the box around all pixels in which any surface has a depth, widened by `margin_mm`:
-    left, right, bottom, top in mm. Around all pixels if none has a depth."""
+    """Return the box around all pixels in which any of the surfaces has a depth, widened by
+    `margin_mm`: left, right, bottom, top in mm. If none has a depth, the box is around all
+    pixels."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
@@ -158,8 +160,8 @@ def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
 
 
 def depth_scale(surface: SurfaceMap) -> Normalize:
-    """Return the colour scale of depths in mm for a surface: its range plus 2.5 mm at both ends,
-    rounded outwards to 5 mm."""
+    """Return the colour scale for the depths of a surface, mm: their range, extended by 2.5 mm at
+    both ends and rounded outwards to 5 mm."""
     z_mm = 1e3 * surface.z_m[np.isfinite(surface.z_m)]
     if not len(z_mm):
         return Normalize(0, 1)
@@ -167,21 +169,22 @@ def depth_scale(surface: SurfaceMap) -> Normalize:
 
 
 def error_scale() -> SymLogNorm:
-    """Return the colour scale of signed errors in mm, the same in all pictures: linear within ±1
-    mm, logarithmic from there to ±50 mm."""
+    """Return the colour scale of signed errors, mm, the same in all pictures: linear within ±1 mm,
+    and logarithmic from there to ±50 mm."""
     return SymLogNorm(linthresh=1, linscale=0.6, vmin=-50, vmax=50)
 
 
 def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
-    """Return a panel of a surface's depths in mm on a given colour scale, cut to the box around the
-    pixels that have a depth."""
+    """Return a panel of a surface's depths in mm on the colour scale `norm`, cut to the box around
+    the pixels that have a depth."""
     x_mm, y_mm, z_mm = 1e3 * surface.x_m, 1e3 * surface.y_m, 1e3 * surface.z_m
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
 def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
-    """Return a panel of depths, and one for each of amplitude, predicted σ and probability of a
-    gross error that `others` has, by the names in KNOWN: amplitude_db, sigma_m, p_gross, each [ny,
+    """Return a panel of a surface's depths, and one for each of amplitude, predicted σ and
+    probability of a gross error that `others` contains.
+    others: name of a map (amplitude_db, sigma_m or p_gross; others are ignored) → its values [ny,
     nx]."""
     depth = depth_layer("depth", surface, depth_scale(surface))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
@@ -189,9 +192,9 @@ def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Lay
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
-    """Return a panel of signed errors z − z_ref with the reference's outline: red is behind the
-    reference surface, blue in front of it. Without a title, the mean absolute error is the
-    title."""
+    """Return a panel of signed errors z − z_ref with the outline of the reference: red is behind
+    the reference surface, blue in front of it. If `title` is None, the title is the mean absolute
+    error."""
     if title is None:
         seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
         title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
@@ -212,8 +215,8 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
 def volume_layers(
     volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray
 ) -> list[Layer]:
-    """Return three panels of a complex image volume [nz, ny, nx]: its maximum along z, y and x, in
-    dB below its largest magnitude."""
+    """Return three panels of a complex image volume [nz, ny, nx]: its maximum along z, along y and
+    along x, in dB below its largest magnitude."""
     magnitude, (x, y, z), silent = (
         np.abs(volume),
         (1e3 * x_m, 1e3 * y_m, 1e3 * z_m),
@@ -229,8 +232,8 @@ def volume_layers(
 
 
 def shade(surface: SurfaceMap) -> np.ndarray:
-    """Return the brightness [ny, nx, 1], 0 to 1, of a surface lit from the upper left, as seen from
-    the array with x to the left."""
+    """Return the brightness [ny, nx, 1], 0 to 1, of a surface that is lit from the upper left and
+    seen from the array, with x to the left."""
     slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
     # in the eye's axes: x and z are turned
     normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)
@@ -239,7 +242,7 @@ def shade(surface: SurfaceMap) -> np.ndarray:
 
 
 def shaded_colours(surface: SurfaceMap, seen: np.ndarray) -> np.ndarray:
-    """Return RGB colours [ny, nx, 3], 0 to 1, of a shaded surface: skin where `seen` [ny, nx] is
-    True, greyish where the surface was interpolated, white where there is none."""
+    """Return RGB colours [ny, nx, 3], 0 to 1, of a shaded surface: skin colour where `seen` [ny,
+    nx] is True, grey where the surface was interpolated, white where there is none."""
     colours = np.where(seen[..., None], SKIN, INVENTED) * shade(surface)
     return np.where(np.isfinite(surface.z_m)[..., None], colours, 1.0)

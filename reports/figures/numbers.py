@@ -1,5 +1,5 @@
-"""Numbers next to the points of a chart: none on another or on a point, and none across a line if
-there is room."""
+"""Numbers next to the points of a chart, placed so that they cover no point and no other number,
+and no line if there is room."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -23,7 +23,7 @@ OFFSETS_PT = np.vstack(
 def number_points(
     axis: Axes, points: np.ndarray, others: np.ndarray, lines: Sequence[np.ndarray]
 ) -> None:
-    """Write 1, 2, … next to the points of a chart, where a number hides no point and no other
+    """Write 1, 2, … next to the points of a chart, where each number covers no point and no other
     number, if there is room, and crosses few lines.
 
     Args:
@@ -75,7 +75,7 @@ def number_points(
 
 
 def _along(corners: np.ndarray) -> np.ndarray:
-    """Return points at most 3 printer's points apart along the lines that join the corners [k,
-    2]."""
+    """Return points [m, 2], at most 3 printer's points apart, along the lines that join the corners
+    [k, 2]."""
     steps = [np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / 3)) for a, b in pairwise(corners)]
     return np.vstack([corners, *steps])

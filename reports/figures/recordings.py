@@ -1,4 +1,4 @@
-"""Pictures of what was recorded: levels of the radar's echoes over frequency and range, places of
+"""Figures of recorded data: levels of the radar's echoes over frequency and range, positions of
 antennas, and coordinate frames of cameras and radar."""
 
 from collections.abc import Mapping
@@ -20,14 +20,14 @@ def echoes_figure(
     places_m: Mapping[str, np.ndarray],
     profile: tuple[np.ndarray, np.ndarray] | None,
 ) -> Figure:
-    """Plot a radar recording: level over frequency, the places of the antennas seen from behind the
-    array and, if given, the level over range.
+    """Plot a radar recording: level over frequency, positions of the antennas as seen from behind
+    the array and, if given, level over range.
 
     Args:
         title: of the figure.
         frequencies_hz: [f].
         levels_db: [3, f], the 10th, 50th and 90th percentile over the channels (SHARES).
-        places_m: name of a kind of antenna → places [n, 3].
+        places_m: group of antennas, such as "receivers" → positions [n, 3].
         profile: ranges [n] in metres up to the unambiguous range, and levels [n] in dB.
     """
     order = np.argsort(frequencies_hz)
@@ -74,8 +74,9 @@ def echoes_figure(
 
 def frames_figure(title: str, frames: Mapping[str, np.ndarray], residuals_mm: np.ndarray) -> Figure:
     """Draw coordinate frames in one common frame, with x, y and z axes in orange, green and blue,
-    and next to them bars of the residual distances, if there are any. frames: name → matrix [4, 4]
-    that carries the frame's points into the common one, metres; residuals_mm [n]."""
+    and next to them a bar chart of the residual distances, if there are any.
+    frames: name → matrix [4, 4] that transforms points of this frame into the common frame, metres;
+    residuals_mm [n]."""
     long_m = max(
         0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03
     )

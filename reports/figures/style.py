@@ -1,5 +1,5 @@
-"""The style of all pictures: fonts, colours and markers of the methods, the format of times, and
-files."""
+"""The common style of all pictures: fonts, colours and markers of the methods, formats of times,
+and image files."""
 
 import io
 from collections.abc import Iterable
@@ -77,8 +77,9 @@ MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure to write into a report. stem: its file name without suffix; caption: the text below
-    it; alt: its description for screen readers."""
+    """A figure for a report.
+    stem: its file name without suffix; caption: the text below it; alt: its description for screen
+    readers."""
 
     stem: str
     caption: str
@@ -87,49 +88,51 @@ class Picture:
 
 
 def narrow() -> bool:
-    """True while pictures are drawn for a paper's column, with the style COLUMN."""
+    """Tell whether pictures are being drawn for one column of a paper, with the style COLUMN."""
     return rcParams["figure.figsize"][0] == COLUMN_IN
 
 
 def width_in(page_in: float, columns: int = 1) -> float:
-    """Return a figure's width in inches: `page_in` on a page; in a picture for a paper, the width
-    of `columns` columns."""
+    """Return the width of a figure in inches: `page_in` on an HTML page, and the width of `columns`
+    columns in a paper."""
     return columns * COLUMN_IN if narrow() else page_in
 
 
 def methods(result: Result) -> list[MethodFacts]:
-    """Return the result's methods in the order in which pictures show them: known ones as in ORDER,
-    then the others."""
+    """Return the methods of a result in the order in which pictures show them: first the known ones
+    in a fixed order (ORDER), then the others."""
     rank = {name: i for i, name in enumerate(ORDER)}
     return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
 
 
 def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Return the colour and the marker of each method by name. Methods in ORDER always have the
-    same; others get the next free ones in order of appearance."""
+    """Choose colour and marker of each method: method → (colour, marker).
+    They are the same in all pictures for the methods that handbench knows (ORDER); other methods
+    get the next free ones, in order of appearance."""
     places = dict.fromkeys((*ORDER, *names))
     return {name: nth_style(i) for i, name in enumerate(places)}
 
 
 def nth_style(i: int) -> tuple[str, MarkerType]:
-    """Return the colour and the marker of number i, from 0. Among the first hundred no pair occurs
-    twice."""
+    """Return colour and marker number i, from 0. No pair occurs twice among the first hundred."""
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
 
 def draw(
     result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any
 ) -> None:
-    """Draw a line of points x, y [n] for a method, in its colour and with its marker and title, and
-    a grid on the axis. style: further arguments of matplotlib's `plot`."""
+    """Draw a line through points x, y [n] on an axis in the colour of a method, with its marker and
+    title, and add a grid.
+    style: further arguments of matplotlib's `plot`."""
     colour, marker = method_styles(m.name for m in methods(result))[method.name]
     axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
     axis.grid(alpha=0.25, linewidth=0.4)
 
 
 def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes [columns], in a row on a page and one below the other in a
-    paper's column, with room for a legend. wide_in: width of one axis on a page in inches."""
+    """Return a figure and its axes [columns], with room for a legend. The axes are in a row on an
+    HTML page, and one below the other in a column of a paper.
+    wide_in: width of one axis on a page, inches."""
     if narrow():
         figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
         return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
@@ -138,8 +141,9 @@ def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray
 
 
 def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
-    """Add one legend for all axes to a figure, at their right or, in a paper's column, below them;
-    only outer axes keep their labels. handles, names: as matplotlib's `legend` takes them."""
+    """Add one legend for all axes to a figure, at their right or, in a column of a paper, below
+    them. Only outer axes keep their labels.
+    handles, names: arguments of matplotlib's `legend`."""
     place: dict[str, Any] = {"loc": "outside right center"}
     if narrow():
         place = {
@@ -154,7 +158,8 @@ def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> No
 
 
 def time_text(result: Result, method: MethodFacts) -> str:
-    """Return the method's time per frame as text for a title, as "0.52 s", or "time unknown"."""
+    """Return a method's time per frame as text for a title, such as "0.52 s"; "time unknown" if
+    there is none."""
     time = result.time(method.name)
     if time is None:
         return "time unknown"
@@ -162,8 +167,8 @@ def time_text(result: Result, method: MethodFacts) -> str:
 
 
 def whiskers(value: float, low: float | None, high: float | None) -> list[list[float]] | None:
-    """Return an interval [low, high] around a value as matplotlib's error bars, the lengths below
-    and above it; None if an end is unknown."""
+    """Return the lengths of an error bar below and above a value, for matplotlib, from the interval
+    [low, high]; None if an end is unknown."""
     return (
         [[max(value - low, 0)], [max(high - value, 0)]]
         if is_known(low) and is_known(high)
@@ -172,8 +177,8 @@ def whiskers(value: float, low: float | None, high: float | None) -> list[list[f
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
-    """Make the axis along `side` logarithmic, with ticks at 0.1, 0.2, 0.5, 1, … or, if it spans a
-    factor of 300 or more, at powers of ten, written as plain numbers."""
+    """Make one axis of a chart logarithmic, with numbers at 0.1, 0.2, 0.5, 1, … or, if it spans a
+    factor of 300 or more, at powers of ten."""
     axis.set(**{f"{side}scale": "log"})
     ticks = axis.xaxis if side == "x" else axis.yaxis
     low, high = ticks.get_view_interval()
@@ -184,8 +189,9 @@ def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
 
 
 def save(figure: Figure, file: str | Path) -> None:
-    """Write a figure to a file, whose suffix gives the format; an existing file is replaced at the
-    very end. Raises HandbenchError for a suffix that is not in FORMATS."""
+    """Write a figure to a file in the format of the file's suffix; an existing file is replaced
+    when the new one is complete. Raises HandbenchError for a suffix other than .png, .pdf and .svg
+    (FORMATS)."""
     if Path(file).suffix.lower() not in FORMATS:
         raise HandbenchError(
             f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"
@@ -195,7 +201,7 @@ def save(figure: Figure, file: str | Path) -> None:
 
 
 def png(figure: Figure) -> bytes:
-    """Return the figure as a picture: the bytes of a PNG file."""
+    """Return a figure as the bytes of a PNG file."""
     stream = io.BytesIO()
     with matplotlib.rc_context(STYLE):
         figure.savefig(stream, format="png")

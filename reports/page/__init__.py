@@ -1,1 +1,1 @@
-"""The HTML report."""
+"""The HTML report of results and trade-offs."""

@@ -1,4 +1,4 @@
-"""The report: tables, figures and HTML pages that need no other files."""
+"""The report of a result: tables, figures and HTML pages, each of which needs no other files."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -39,8 +39,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
             table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures, pages/*.html.
             Files of an earlier report are replaced, its further pages removed, other files left
             unchanged.
-        sweep: a trade-off folder to show with the result; by default the one that `folder` is or
-            contains.
+        sweep: a trade-off folder to show with the result; None: `folder` itself or its subfolder
+            "tradeoff", if one of them is a trade-off.
 
     Raises:
         HandbenchError: `out` is the result folder itself, or drawing would take too long.
@@ -103,8 +103,10 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
 
 
 def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
-    """Write pages by their number and yield the counts of errors that each returns. The pages are
-    spread over as many processes as there are cores, since matplotlib is not safe in threads."""
+    """Write the pages with the given numbers, and yield the pixel counts that `page` returns for
+    each.
+    The pages are written by as many processes as there are cores, because matplotlib must not be
+    used in threads."""
     count = min(len(numbers), workers())
     if count < 2:
         yield from map(page, numbers)
@@ -119,9 +121,10 @@ _loaded = cache(load)  # a process draws many pages of one result
 def further_page(
     folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int
 ) -> charts.Counts:
-    """Write one further page of a report, with the captures groups[part] of the result in `folder`
-    and pictures as PNG only. Returns the counts of these captures' errors
-    (`charts.error_counts`)."""
+    """Write one further page of a report, with the captures groups[part] of the result in `folder`,
+    and pictures as PNG only.
+    Returns the numbers of pixels by size of error of these captures, for the chart of the error
+    distribution."""
     result, parts = _loaded(folder), page_names(groups)
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
@@ -130,14 +133,15 @@ def further_page(
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
-    """Return the paths, relative to the report, of the pages after the first; there is a page for
+    """Return the paths, relative to the report, of all pages after the first. There is one page for
     each group of captures."""
     return [f"pages/{i:03d}.html" for i in range(1, len(groups))]
 
 
 def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
-    """Divide captures over the pages of a report: all on the first page if there are at most
-    ABREAST, else FIRST there and ABREAST on each further page. Returns one tuple for each page."""
+    """Divide captures over the pages of a report. Returns one tuple of captures for each page.
+    All are on the first page if there are at most 12 (ABREAST); otherwise 3 are there (FIRST), and
+    up to 12 on each further page."""
     first = len(captures) if len(captures) <= ABREAST else FIRST
     rest = [tuple(captures[i : i + ABREAST]) for i in range(first, len(captures), ABREAST)]
     return [tuple(captures[:first]), *rest]
@@ -146,9 +150,9 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
 def _summary(
     result: Result, overview: list[Image], swept: Any, causes: Any = None
 ) -> dict[str, Any]:
-    """Return what index.html shows about all captures together, by the names that its template
-    uses. overview: the charts of the whole result; swept: the trade-off's section; causes: the
-    section of errors by cause."""
+    """Return the content of index.html about all captures together: name in the template → value.
+    overview: charts of the whole result; swept: section of the trade-off; causes: section of the
+    errors by cause."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {
         "about": result.about,
@@ -164,9 +168,9 @@ def _summary(
 def _captures(
     result: Result, captures: Sequence[CaptureFacts], folder: Path, paper: bool = True
 ) -> dict[str, Any]:
-    """Draw the pictures of some captures into `folder` and return what their page shows: the
-    pictures, and the content of the 3-D view. paper: whether PDFs for a paper's column are written
-    too."""
+    """Draw the pictures of several captures into `folder`, and return the content of their page:
+    name in the template → value, with the pictures and the 3-D view.
+    paper: whether PDFs for one column of a paper are written too."""
     details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}

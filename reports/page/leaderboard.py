@@ -20,12 +20,12 @@ HEADINGS = (
 
 
 def build(results: Sequence[Result], ranking: pd.DataFrame, about: str, out: Path) -> Path:
-    """Write a report of several results to `out`: leaderboard.md, leaderboard.csv, index.html with
-    the ranking of all methods, and the report of each result in report-1, report-2, … Returns the
-    path of index.html.
+    """Write a report of several results to `out`: leaderboard.md, leaderboard.csv and index.html
+    with the ranking of all methods, and the report of each result in report-1, report-2, … Returns
+    the path of index.html.
 
-    ranking: the methods, the best first, with the columns of the table RANKING; about: a sentence
-    on how they were ranked.
+    ranking: the methods, best first, with the columns of the table RANKING; about: text that
+    explains the ranking.
     """
     rendering.begin(out)
     reports = {}

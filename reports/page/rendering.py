@@ -26,8 +26,9 @@ SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's sm
 
 @dataclass(frozen=True)
 class Image:
-    """A picture to embed in a page: its bytes as a data: URI, its size in CSS pixels, the text for
-    screen readers, the caption, and stem and suffixes of the files that show it in full
+    """A picture embedded in a page.
+    uri: its bytes as a data: URI; width, height: CSS pixels; alt: text for screen readers; caption:
+    text below it; stem, kinds: name and suffixes of the files with the picture in full
     resolution."""
 
     uri: str
@@ -40,19 +41,19 @@ class Image:
 
 
 def begin(out: Path) -> None:
-    """Write a placeholder index.html into a folder that has none. It marks the folder as a
-    report's, so that a report that was interrupted can be overwritten."""
+    """Write a placeholder index.html into a folder that has none. It marks the folder as that of a
+    report, so that an interrupted report can be overwritten."""
     if not (out / "index.html").exists():
         write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
 
 
 def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
-    """Write pictures into `folder` and return them as images to embed in the page: STEM.png in high
-    resolution and, drawn again for a paper's column, STEM.pdf. Each figure is released before the
-    next is drawn.
+    """Write pictures into `folder`, and return them as images to embed in a page.
+    The files are STEM.png in high resolution, and STEM.pdf, drawn again for one column of a paper.
+    Each figure is released before the next is drawn.
 
-    draw: a function that makes the pictures; paper: False writes only STEM.png, as wide as in the
-    page, and removes a STEM.pdf of an earlier report.
+    draw: function that makes the pictures. paper: False writes only STEM.png, as wide as in the
+    page, and removes the STEM.pdf of an earlier report.
     """
     written = []
     with matplotlib.rc_context(PAGE):
@@ -79,8 +80,9 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
 def image(
     picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0
 ) -> Image:
-    """Return a picture ready to be embedded in a page. alt: text for screen readers; caption, stem:
-    of the full picture; shown: CSS pixels for one pixel of the picture."""
+    """Return a picture ready to be embedded in a page.
+    alt: text for screen readers; caption, stem: text below the picture, and name of the file in
+    full resolution; shown: CSS pixels for one pixel of the picture."""
     width = round(shown * picture.width)
     return Image(
         _uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem
@@ -88,7 +90,8 @@ def image(
 
 
 def _uri(picture: Pixels.Image) -> str:
-    """Return a picture as a data: URI (WebP), reduced to a width of WIDTH_PX if it is wider."""
+    """Return a picture as a data: URI (WebP), reduced to a width of 1900 pixels (WIDTH_PX) if it is
+    wider."""
     small = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
     if small.width > WIDTH_PX:
         small = small.resize(
@@ -100,16 +103,16 @@ def _uri(picture: Pixels.Image) -> str:
 
 
 def render(template: str, **facts: Any) -> str:
-    """Return an HTML page from a template of this package, filled with `facts`. Texts are escaped;
-    the page's security policy allows only this package's own style and script, named by their
-    hashes."""
+    """Return an HTML page made from a template of this package and the values `facts`.
+    Texts are escaped. The page's security policy allows only this package's style and script,
+    identified by their hashes."""
     return _environment().get_template(template).render(**facts)
 
 
 @cache
 def _environment() -> jinja2.Environment:
-    """Return jinja2's environment for the page templates, which also know the page's style and
-    script and the hashes of both."""
+    """Return the jinja2 environment of the page templates, in which the page's style and script and
+    their hashes are defined."""
     loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
     made = jinja2.Environment(
         loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True

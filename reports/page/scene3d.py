@@ -1,4 +1,5 @@
-"""Content of the 3-D view: each capture's reference and radar surfaces, small enough to embed."""
+"""Content of the interactive 3-D view: reference and radar surfaces of each capture, small enough
+to embed in a page."""
 
 import base64
 import math
@@ -29,9 +30,9 @@ Part = tuple[str, str, SurfaceMap, Errors]  # name, title, surface, and its erro
 
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
-    """Return the content of the interactive 3-D view for one capture, ready for the page's script:
-    the reference surfaces and the depth maps of all methods with their errors. None if nothing was
-    observed."""
+    """Return the content of the interactive 3-D view for one capture, as values for the page's
+    script: the reference surfaces, and the depth maps of all methods with their errors. None if
+    nothing was observed."""
     references: list[str] = [reference for reference in DRAWN if reference in capture.references]
     parts: list[Part] = [
         (name, AGAINST[name], result.surface(capture.name, name), {}) for name in references
@@ -49,8 +50,9 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
 
 
 def page(name: str, title: str, surface: SurfaceMap, sensor: str = "array") -> str:
-    """Return an HTML page on which one surface can be turned. name: the page's heading; title: the
-    surface's name; sensor: from which it is seen. Raises HandbenchError if no pixel has a depth."""
+    """Return an HTML page on which one surface can be turned.
+    name: heading of the page; title: name of the surface; sensor: sensor from which it is seen.
+    Raises HandbenchError if no pixel has a depth."""
     scene = _scene(name, [], [(title, title, surface, {})])
     if scene is None:
         raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
@@ -70,9 +72,10 @@ def page(name: str, title: str, surface: SurfaceMap, sensor: str = "array") -> s
 
 
 def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any] | None:
-    """Return the content of the 3-D view for some surfaces, with the depth scale of the first one;
-    None if no pixel of any has a depth. references: names of those that are reference surfaces;
-    parts: name, title, surface and errors of each."""
+    """Return the content of the 3-D view for several surfaces, on the depth scale of the first;
+    None if no pixel of any surface has a depth.
+    references: names of the reference surfaces among them; parts: name, title, surface and errors
+    of each surface."""
     z_mm = 1e3 * np.concatenate(
         [surface.z_m[np.isfinite(surface.z_m)] for _, _, surface, _ in parts]
     )
@@ -94,8 +97,8 @@ def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any
 
 
 def scales() -> dict[str, Any]:
-    """Return the colour scales that the page's script uses: colours as texts (#rrggbb) for depth
-    and error, the error in mm at each colour, and the ticks with their places from 0 to 1."""
+    """Return the colour scales that the page's script uses: colours as text (#rrggbb) for depth and
+    error, the error in mm at each colour, and the ticks with their positions from 0 to 1."""
     norm = layers.error_scale()
     at = np.linspace(0, 1, COLOURS)
     return {
@@ -113,9 +116,10 @@ def scales() -> dict[str, Any]:
 def _surface(
     name: str, title: str, surface: SurfaceMap, errors: Errors, low_mm: float, step_mm: float
 ) -> dict[str, Any]:
-    """Return one surface packed for the page's script: depths and errors of the observed pixels
-    only, as integers in steps of `step_mm` above `low_mm` and of ERROR_STEP_MM, and a bit for each
-    pixel of the surrounding box that says whether it was observed. Arrays are base64 texts."""
+    """Pack one surface for the page's script.
+    Depths and errors are given for the observed pixels only, as integers: depths in steps of
+    step_mm above low_mm, errors in steps of 2 µm (ERROR_STEP_MM). For each pixel of the surrounding
+    box, a bit tells whether it was observed. Arrays become base64 text."""
     inside = _box(surface.z_m)
     z_mm = 1e3 * surface.z_m[inside]
     x_mm, y_mm = 1e3 * surface.x_m[inside[1]], 1e3 * surface.y_m[inside[0]]
@@ -145,8 +149,8 @@ def _surface(
 
 def _box(z_m: np.ndarray) -> tuple[slice, slice]:
     """Return the slices of rows and columns around the observed pixels of a depth map z_m [ny, nx].
-    Of a large map only every second, third, … row and column is taken, so that about PIXELS remain;
-    a corner of 2 × 2 pixels if nothing was observed."""
+    Of a large map, only every second, third, … row and column is taken, so that about 60 000 pixels
+    remain (PIXELS). If nothing was observed, the slices are a corner of 2 × 2 pixels."""
     rows, columns = (np.flatnonzero(np.isfinite(z_m).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, 2), slice(0, 2)
@@ -167,9 +171,10 @@ def _hex(colours: str, at: np.ndarray) -> list[str]:
 
 
 def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Image:
-    """Return a static picture for paper and for browsers without WebGL: the capture's first
-    reference surface (without one, the method's depth map) seen from the array and lit from the
-    upper left, with the pixels that the method saw in the colours of their errors."""
+    """Return a static picture for paper and for browsers without WebGL.
+    It shows the capture's first reference surface (or, without one, the method's depth map) from
+    the array and lit from the upper left. Pixels that the method observed have the colours of their
+    errors."""
     reference = next((r for r in DRAWN if r in capture.references), None)
     source = reference or method
     surface = result.surface(capture.name, source)

@@ -1,5 +1,5 @@
-"""Content of the HTML report's sections, as tables and texts: findings of the tests, simulated
-effects, uncertainty of the ground truth, errors by cause, and where the result comes from."""
+"""Content of the HTML report's sections, as tables and texts: results of the tests, simulated
+effects, uncertainty of the ground truth, errors by cause, and provenance."""
 
 import json
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ LEADING = 4  # sentences of a metric that are read without opening the list
 
 @dataclass(frozen=True)
 class Grid:
-    """A table for the HTML page: caption, headings and rows of formatted cells. The first `texts`
-    columns are texts, the others numbers, aligned right."""
+    """A table for the HTML page: caption, headings, and rows of formatted cells. The first `texts`
+    columns are text; the others are numbers, aligned right."""
 
     caption: str
     headings: tuple[str, ...]
@@ -41,12 +41,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of the statistical tests on one metric against one reference surface. best:
-    titles of the methods that no other is shown to beat, the one with the best figure first;
-    leading: sentences on the closest methods that the first of `best` still beats significantly;
-    shown: number of significant
-    differences; tested: whether there were enough captures for a test; table: all pairs of
-    methods."""
+    """Result of the statistical tests on one metric against one reference surface.
+    best: titles of the method with the best figure and of all that are not significantly worse;
+    leading: sentences on the methods closest to the best one that are significantly worse; shown:
+    number of significant differences; tested: whether there were enough captures for a test; table:
+    all pairs of methods."""
 
     heading: str
     best: tuple[str, ...]
@@ -57,9 +56,10 @@ class Verdict:
 
 
 def verdicts(result: Result) -> list[Verdict]:
-    """Return the outcome of the tests for each metric, reference surface and treatment that was
-    compared. (Treatment: whether the depth maps are taken as they are, or compared on common
-    pixels, unsmoothed or all smoothed in the same way.)"""
+    """Return the results of the tests for each metric, reference surface and treatment that was
+    compared.
+    (Treatment: depth maps with each method's own settings, or compared on common pixels, either all
+    without smoothing or all with the same smoothing.)"""
     titles = {method.name: method.title for method in result.about.methods}
     found = []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
@@ -87,7 +87,7 @@ def verdicts(result: Result) -> list[Verdict]:
 
 
 def stage_times(result: Result) -> Grid:
-    """Return a table of what each processing stage of each method took: number of tasks, how many
+    """Return a table of the cost of each processing stage of each method: number of tasks, how many
     were reused from an earlier run, and medians of seconds, CPU seconds and peak memory."""
     rows = tuple(
         tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None)
@@ -106,9 +106,9 @@ def stage_times(result: Result) -> Grid:
 
 
 def effects(result: Result) -> Grid | None:
-    """Return a table of the simulated physical effects, one row each: why it was on or off, in how
-    many captures it was on, and the largest values over the captures of its estimated size and of
-    its seconds. None if no capture records any effect."""
+    """Return a table of the simulated physical effects, with one row for each: why it was on or
+    off, in how many captures it was on, and the largest values over the captures of its estimated
+    size and its computing time. None if no capture records any effect."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
@@ -146,9 +146,10 @@ def _largest(rows: list[dict[str, Any]], key: str) -> str:
 
 
 def uncertainty(result: Result) -> list[Grid]:
-    """Return tables of the ground truth's uncertainty, those for which the result has data: σ along
-    z of the photogrammetric mesh and its registration for each capture, the mean error that a
-    perfect radar would show, and the residuals of the registration on the calibration target."""
+    """Return tables of the uncertainty of the ground truth, as far as the result has the data.
+    They are: for each capture, σ along z of the photogrammetric mesh and of its registration; the
+    mean error that a perfect radar would show; and the residuals of the registration on the
+    calibration target."""
     grids = []
     budgets = result.about.facts.get("groundtruth_sigma_rms")
     if isinstance(budgets, dict) and budgets:
@@ -194,7 +195,7 @@ def _mm(value: Any) -> str:
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:
-    """Return the facts on where a result comes from, as pairs (heading, mapping): protocol, noise
+    """Return facts on where a result comes from, as pairs (heading, name → value): protocol, noise
     and ground truth, versions, and machine. Empty ones are left out."""
     about = result.about
     elsewhere = {
@@ -210,8 +211,8 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
 
 
 def captures(result: Result) -> Grid:
-    """Return a table of the captures: pose, what each measures (accuracy, precision), the reference
-    surfaces that it is scored against, and its distance in metres."""
+    """Return a table of the captures: name, pose, what each measures (accuracy, precision), the
+    reference surfaces with which its depths are compared, and its distance in metres."""
     rows = tuple(
         (
             c.name,
@@ -230,8 +231,8 @@ def captures(result: Result) -> Grid:
 
 
 def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
-    """Return each method's settings with all defaults filled in, as pairs (title, entries). An
-    entry is (names of captures, settings): captures with the same settings share one entry."""
+    """Return the complete settings of each method, as pairs (title of the method, entries). An
+    entry is (names of captures, settings); captures with the same settings share one entry."""
     found = []
     for method in result.about.methods:
         groups: dict[str, tuple[list[str], Any]] = {}
@@ -249,8 +250,8 @@ def settings(result: Result) -> list[tuple[str, list[tuple[str, Any]]]]:
 
 
 def command(result: Result) -> str:
-    """Return the two command lines that repeat the run and its report. The first is the one that
-    the result records, else a general form with placeholders."""
+    """Return the two command lines that repeat the run and its report. The first is the recorded
+    one or, if none was recorded, a general form with placeholders."""
     recorded = result.about.facts.get("command")
     run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
@@ -258,14 +259,15 @@ def command(result: Result) -> str:
 
 def all_blocks(result: Result) -> list[tuple[Block, Block]]:
     """Return the table of figures for each reference surface in two parts: the metrics of the
-    paper's table with the main ones, and all other metrics."""
+    paper's table together with the main ones, and all other metrics."""
     return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Draw the charts of errors by cause into `folder` and return the section's content:
-    "pictures", the images to embed, and "grids", the tables of the same data (causes.csv,
-    reliability.csv). None if the result has neither table."""
+    """Draw the charts of errors by cause and of the reliability of σ into `folder`, and return the
+    content of this section.
+    It has "pictures", the images to embed, and "grids", the tables of the same data. None if the
+    result has no such data."""
     grids = [*by_cause(result), *reliability(result)]
     return (
         {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
@@ -275,9 +277,10 @@ def causes(result: Result, folder: Path) -> dict[str, Any] | None:
 
 
 def by_cause(result: Result) -> list[Grid]:
-    """Return a table of errors by cause for each reference surface, one row per bin of a cause (as
-    an incidence angle of 10–20°) and one column per method. A cell holds mean |z − z_ref| and [mean
-    z − z_ref] in mm, and the numbers of pixels and captures."""
+    """Return a table of errors by cause for each reference surface, with one row for each group of
+    pixels (such as an incidence angle of 10–20°) and one column for each method.
+    A cell has mean |z − z_ref| and [mean z − z_ref] in mm, and the numbers of pixels and
+    captures."""
     grids, shown = [], methods(result)
     for reference, lines in result.causes.groupby("reference", sort=False):
         rows: dict[tuple[str, str], dict[str, str]] = {}
@@ -301,8 +304,9 @@ def by_cause(result: Result) -> list[Grid]:
 
 
 def reliability(result: Result) -> list[Grid]:
-    """Return a table for each reference surface of whether the methods' predicted σ is right: for
-    each method the observed coverage in % under each nominal coverage, the mean negative
+    """Return a table for each reference surface that shows whether the methods' predicted σ is
+    right.
+    It has for each method the observed coverage in % for each nominal coverage, the mean negative
     log-likelihood, and the number of pixels."""
     grids, titles = [], {m.name: m.title for m in result.about.methods}
     for reference, lines in result.reliability.groupby("reference", sort=False):

@@ -1,5 +1,5 @@
-"""A trade-off (accuracy against time of many settings) as tables, as pictures and as a page of its
-own."""
+"""The report of a trade-off (accuracy against time of many settings): its tables and pictures, in
+the page of a result or on a separate page."""
 
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,9 @@ from handbench.support.files import write_text
 
 
 def build(folder: str | Path, out: str | Path) -> Path:
-    """Write the report of the trade-off in `folder` to `out`, which may be the folder itself:
-    front.md, front.tex, index.html and pictures in figures/. Returns the path of index.html. Raises
-    HandbenchError if the trade-off holds no setting."""
+    """Write the report of the trade-off in `folder` to `out`, which may be the same folder:
+    front.md, front.tex, index.html and pictures in figures/.
+    Returns the path of index.html. Raises HandbenchError if the trade-off has no setting."""
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(
@@ -36,9 +36,10 @@ def build(folder: str | Path, out: str | Path) -> Path:
 
 
 def section(found: Tradeoff, out: Path) -> dict[str, Any]:
-    """Write a trade-off's tables and pictures to `out` and return what a page shows: "parts", the
-    pictures and the table of settings of each section, and "claims", the paper's claims about
-    time."""
+    """Write the tables and pictures of a trade-off to `out`, and return the content of its section
+    in a page.
+    It has "parts", the pictures and the table of settings of each stage, and "claims", a table of
+    the paper's statements about time."""
     write_text(out / "front.md", result_tables.tradeoff_markdown(found))
     write_text(out / "front.tex", latex.tradeoff(found))
     saved = {
@@ -54,8 +55,10 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
 
 
 def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
-    """Return a table of all settings of one section, those on the front first, with the number that
-    each has in the picture, or which setting beats it; error, time, operations and memory."""
+    """Return a table of all settings of one section of a trade-off, first those that no other beats
+    (the front).
+    A row has the setting's number in the picture or the setting that beats it, and error, share of
+    the surface that was observed, time, operations and memory."""
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
@@ -82,8 +85,9 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:
-    """Return a table of the paper's claims about time: by which factor one way is faster according
-    to the paper, by counted operations, and measured here. None if there is no claim."""
+    """Return a table of the paper's statements about time: the factor by which one method is faster
+    than another, as stated in the paper, by counted operations, and as measured here. None if there
+    is no statement."""
     rows = tuple(
         (
             claim.text,

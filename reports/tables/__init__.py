@@ -1,1 +1,1 @@
-"""Tables as Markdown, CSV and LaTeX, and on the terminal."""
+"""Tables of results as Markdown, CSV and LaTeX, and for the terminal."""

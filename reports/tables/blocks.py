@@ -1,5 +1,5 @@
-"""Formatted figures of a result, one block for each reference surface with a line for each metric.
-The Markdown, LaTeX, terminal and HTML tables of figures are made from these."""
+"""Formatted figures of a result: for each reference surface a block, which is a table with one or
+more lines for each metric. Markdown, LaTeX, terminal and HTML tables are made from these blocks."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -32,10 +32,10 @@ NONE = "–"
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table: one metric's figures from one source. title: with the unit, empty if the
-    line continues the metric above; source: whose figures these are (as "ours", "paper"); cells:
-    formatted, one per method; best: whether each cell is highlighted (empty: none is); unit: the
-    metric's."""
+    """One line of a table: the figures of one metric from one source.
+    title: of the metric, with its unit; "" if the line continues the metric above. source: whose
+    figures these are, such as "ours" or "paper". cells: formatted figures, one for each method.
+    best: whether each cell is highlighted (empty: none is). unit: of the metric."""
 
     metric: str
     title: str
@@ -47,8 +47,8 @@ class Line:
 
 @dataclass(frozen=True)
 class Block:
-    """A table of the figures against one reference surface. methods: titles of the columns; lines:
-    one or several for each metric."""
+    """A table of the figures against one reference surface.
+    methods: titles of the columns; lines: one or more for each metric."""
 
     reference: str
     heading: str
@@ -57,9 +57,9 @@ class Block:
 
 
 def blocks(result: Result) -> list[Block]:
-    """Return one table for each reference surface that the result is scored against. After the
-    first follows the table under equal treatment (all depth maps unsmoothed, or all smoothed in the
-    same way), if the result has it."""
+    """Return one table of figures for each reference surface of the result.
+    The first is followed by a table under equal treatment (all depth maps without smoothing, or all
+    with the same smoothing), if the result has it."""
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     equal = _equal_block(result)
@@ -80,8 +80,8 @@ def paper_block(block: Block, rest: bool = False) -> Block:
 
 
 def _equal_block(result: Result) -> list[Block]:
-    """Return the table under equal treatment as a list of one: figures of depth maps that are all
-    unsmoothed, or all smoothed in the same way. [] if the result has none."""
+    """Return a list with the table of figures under equal treatment (all depth maps without
+    smoothing, or all with the same smoothing); empty if the result has none."""
     if result.equal.empty:
         return []
     reference, names = (
@@ -127,8 +127,9 @@ def _block(result: Result, reference: str) -> Block:
 
 def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:
     """Return the lines of one metric: our figures and, if the paper reports the metric, its figures
-    and the ratio of both (not for percentages). rows: the metric's figures, indexed by method, NaN
-    where a method has none; stars: the methods to highlight."""
+    and, unless they are percentages, the ratio of both.
+    rows: figures of the metric, indexed by method, NaN where a method has none; stars: methods to
+    highlight."""
     unit = rows.unit.dropna().iloc[0]
     best = tuple(name in stars for name in rows.index) if stars else ()
     ours = rows[["value", "low", "high", "unit"]].itertuples(index=False, name=None)
@@ -147,27 +148,29 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
 
 
 def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
-    """Return the names of the methods to highlight for a metric: those that no other is shown to
-    beat, provided that a test found some method worse. Empty without a test."""
+    """Return the ids of the methods to highlight for a metric: the one with the best figure and all
+    that are not significantly worse.
+    Empty if nothing was tested, or if no method is significantly worse. treatment: an equal
+    treatment (same smoothing for all methods), or "" for methods with their own settings."""
     best, lines = result.best(metric, reference, treatment), result.compared(treatment)
     worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
     return frozenset() if worse.isin(best).all() else frozenset(best)
 
 
 def ratio(rows: pd.DataFrame) -> pd.Series:
-    """Return our figure divided by the paper's for each row of the result's table; NaN where one of
+    """Return our figure divided by the paper's, for each row of the result's table; NaN if one of
     them is missing or the paper's is 0."""
     return rows.value / rows.paper.where(rows.paper != 0)
 
 
 def is_known(figure: float | None) -> TypeGuard[float]:
-    """True for a figure that is neither None nor NaN."""
+    """Tell whether a figure is neither None nor NaN."""
     return figure is not None and figure == figure
 
 
 def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
-    """Format a figure with its interval, as "1.23 [1.10, 1.36]"; the interval is left out if an end
-    is unknown. A dash if the figure is missing."""
+    """Format a figure followed by its interval, such as "1.23 [1.10, 1.36]". Without a known
+    interval, only the figure is returned; a missing figure is a dash."""
     if not is_known(value):
         return NONE
     places = decimals(value, low, high, unit)
@@ -175,13 +178,13 @@ def figure(value: float | None, low: float | None, high: float | None, unit: str
 
 
 def paper(value: float | None, unit: str) -> str:
-    """Format a figure of the paper with as many decimals as it prints: one for millimetres, else
-    two."""
+    """Format a figure of the paper with as many decimals as the paper prints: one for millimetres,
+    two for other units."""
     return number(value, 1 if unit == "mm" else 2)
 
 
 def interval(low: float | None, high: float | None, places: int) -> str:
-    """Format an interval as "[low, high]" with `places` decimals; empty if an end is unknown."""
+    """Format an interval as "[low, high]" with `places` decimals; "" if an end is unknown."""
     return (
         f"[{number(low, places)}, {number(high, places)}]"
         if is_known(low) and is_known(high)
@@ -190,15 +193,15 @@ def interval(low: float | None, high: float | None, places: int) -> str:
 
 
 def number(value: float | None, places: int) -> str:
-    """Format a number with `places` decimals and a true minus sign; a dash if it is missing."""
+    """Format a number with `places` decimals and a true minus sign; a missing number is a dash."""
     return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
-    """Return the number of decimals with which a figure and its interval [low, high] are printed:
-    enough for two significant digits of half the interval, but at most three of the value.
-    Millimetres get at least one, as in the paper; percentages always two, since many are close to
-    100; pixels none."""
+    """Return the number of decimals with which a figure and its interval [low, high] are printed.
+    There are enough for two significant digits of half the interval's width, but at most three
+    significant digits of the value. Millimetres have at least one, as in the paper; percentages
+    always two, because many are close to 100; pixels none."""
     if unit in ("%", "pixels"):
         return 2 if unit == "%" else 0
     places = three_digits(value)
@@ -218,8 +221,8 @@ def _digits(value: float, digits: int) -> int:
 
 
 def p_text(p: float | None) -> str:
-    """Format a p-value with two decimals, or three below 0.1; below 0.001 as "< 0.001", a dash if
-    it is unknown."""
+    """Format a p-value with two decimals, or with three below 0.1. Below 0.001 it is "< 0.001"; an
+    unknown one is a dash."""
     if not is_known(p):
         return NONE
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
@@ -250,8 +253,8 @@ def caption(result: Result) -> str:
 
 
 def busy_note(result: Result) -> str:
-    """Return a warning on times that other work on the machine disturbed or that varied too much
-    between repeats, beginning with a blank; empty if there are none."""
+    """Return a warning on times that other work on the machine disturbed, or that varied too much
+    between repeats. It begins with a blank; "" if there are none."""
     busy, unsettled, note = result.busy(), result.unsettled(), ""
     if busy:
         note = (
@@ -281,8 +284,8 @@ def _named(captures: Sequence[CaptureFacts]) -> str:
 
 
 def best_note(found: list[Block]) -> str:
-    """Return the sentence that explains bold figures, beginning with a blank; empty if no figure of
-    the tables is bold."""
+    """Return a sentence that explains bold figures, beginning with a blank; "" if no figure in the
+    tables is bold."""
     if not any(any(line.best) for block in found for line in block.lines):
         return ""
     return (
@@ -293,10 +296,10 @@ def best_note(found: list[Block]) -> str:
 
 
 def floor_note(result: Result) -> str:
-    """Return a sentence for captions of error maps on the ground-truth floor, the mean error that a
-    perfect radar would show because the reference itself has errors: for each reference surface the
-    largest of the methods' values, in mm. It begins with a blank; empty if no floor is above
-    zero."""
+    """Return a sentence on the ground-truth floor for the captions of error maps. The floor is the
+    mean error that a perfect radar would show, because the reference itself has errors.
+    For each reference surface it gives the largest floor of all methods, mm. The sentence begins
+    with a blank; "" if no floor is above zero."""
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
     known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
     known = ", ".join(

@@ -1,4 +1,4 @@
-"""The comparison of two results by `handbench compare`, on the terminal, as Markdown and as
+"""Output of `handbench compare`, the comparison of two results: on the terminal, as Markdown and as
 LaTeX."""
 
 from pathlib import Path
@@ -34,7 +34,7 @@ TIMES = (
 
 def show(compared: Compared) -> None:
     """Print the comparison of two results A and B on stdout: tables of the differences in accuracy
-    and of the times, other changes (as of versions or settings), and a sentence for each
+    and of the times, other changes (such as versions or settings), and a sentence for each
     significant difference."""
     console = wide_console()
     for text in _head(compared):
@@ -56,16 +56,16 @@ def show(compared: Compared) -> None:
 
 
 def write(compared: Compared, folder: Path) -> None:
-    """Write the comparison into a folder as compare.md and compare.tex, which are replaced if they
-    exist."""
+    """Write the comparison of two results into a folder as compare.md and compare.tex; existing
+    files are replaced."""
     write_text(folder / "compare.md", markdown(compared))
     write_text(folder / "compare.tex", tex(compared))
 
 
 def markdown(compared: Compared) -> str:
-    """Return the comparison of two results A and B as Markdown: significant differences in words, a
-    table of all differences with the significantly better figure bold, times, and what else
-    differs."""
+    """Return the comparison of two results A and B as Markdown.
+    It has the significant differences in words, a table of all differences with significantly
+    better figures in bold, the times, and what else differs."""
     shown = [f"- {escaped(text)}" for text in _shown(compared)]
     differences = []
     for line in each(compared.differences):
@@ -97,7 +97,7 @@ def markdown(compared: Compared) -> str:
 
 def tex(compared: Compared) -> str:
     """Return the differences between two results A and B as LaTeX tables, one for each reference
-    surface; a figure that is significantly better is bold."""
+    surface. A figure that is significantly better is bold."""
     texts = []
     for reference, lines in compared.differences.groupby("reference", sort=False):
         body = []
@@ -126,13 +126,13 @@ def tex(compared: Compared) -> str:
 
 
 def _head(compared: Compared) -> list[str]:
-    """Return the sentences above the comparison: names and captures of A and B, on which captures
-    they are compared, and how the intervals and p are formed."""
+    """Return the sentences above the comparison: names and captures of A and B, which captures are
+    compared, and how intervals and p-values are computed."""
     return [*_sides(compared), *_basis(compared), NOTE]
 
 
 def _shown(compared: Compared) -> list[str]:
-    """Return a sentence for each difference between A and B that is significant."""
+    """Return a sentence for each significant difference between A and B."""
     return compared.differences.sentence[compared.differences.better != ""].tolist()
 
 
@@ -164,8 +164,9 @@ def _cells(line: Any) -> tuple[str, str, str, str]:
 
 
 def _needed(line: Any) -> str:
-    """Return how many hands a comparison would need to show this difference; empty where no number
-    is given. line: a row of the table of differences."""
+    """Return the number of hands that a comparison would need to show this difference, as text; ""
+    if it is unknown or the difference is significant already.
+    line: a row of the table of differences."""
     return f"{line.needed:.0f}" if line.needed > 0 else ""
 
 
@@ -179,7 +180,7 @@ def _time(time: Any) -> tuple[str, str, str, str]:
 
 def _machines(compared: Compared) -> list[str]:
     """Return the headings of A and B in the table of times, each with the machine's rate of matrix
-    products in GFLOP/s, with which the times can be judged."""
+    products in GFLOP/s, by which the times can be judged."""
     rates = (("A", compared.a.gemm_gflops), ("B", compared.b.gemm_gflops))
     return [
         f"{side} (rate unknown)" if rate is None else f"{side} ({rate:.0f} GFLOP/s)"
@@ -188,8 +189,8 @@ def _machines(compared: Compared) -> list[str]:
 
 
 def _changes(compared: Compared) -> list[str]:
-    """Return a line for each change in provenance, as of a version or an input, from A to B. Of
-    each kind the first CHANGES are listed and the others counted."""
+    """Return a line for each fact that differs between A and B, such as a version or an input. Of
+    each sort, the first 12 (CHANGES) are listed and the others counted."""
     texts = []
     for what, changes in compared.changes.groupby("what", sort=False):
         first = each(changes[:CHANGES])

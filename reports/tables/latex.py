@@ -1,8 +1,9 @@
-r"""LaTeX tables for papers: booktabs rules, siunitx numbers and units, any text.
+r"""LaTeX tables for papers, with booktabs rules and siunitx numbers and units.
 
-Each text is a row of floats for \input. The document needs \usepackage{booktabs} and
-\usepackage{siunitx} (version 3); the encoding does not matter, because characters outside ASCII are
-written as commands. `column` fits one column of IEEEtran (252 pt), the other tables a page's width.
+The text of each function is a sequence of floats for \input. The document needs
+\usepackage{booktabs} and \usepackage{siunitx} (version 3). The encoding does not matter, because
+characters outside ASCII are written as commands. The tables of `column` fit one column of IEEEtran
+(252 pt), the others the width of a page.
 """
 
 import unicodedata
@@ -38,8 +39,7 @@ UNITS = {
 
 
 def _pairs(text: str) -> dict[str, str]:
-    """Return a mapping from a text of words: the first is the key of the second, the third that of
-    the fourth, and so on."""
+    """Return a dictionary from a text of words, which are keys and values in turn."""
     words = text.split()
     return dict(zip(words[::2], words[1::2], strict=True))
 
@@ -63,9 +63,10 @@ ACCENTS = dict(zip(_MARKS, "`'^~=u.\"rHvdc", strict=True))
 
 
 def escaped(text: str) -> str:
-    """Return `text` as one line of ASCII that LaTeX prints literally: no character of it acts as a
-    command. Letters with accents become LaTeX's accents; a character that fonts may lack becomes
-    its code point, as U+624B."""
+    """Return `text` as one line of ASCII that LaTeX prints literally, so that no character acts as
+    a command.
+    Letters with accents become LaTeX's accents; a character that fonts may not have becomes its
+    code point, such as U+624B."""
     return "".join(map(_character, " ".join(unicodedata.normalize("NFC", text).split())))
 
 
@@ -81,9 +82,10 @@ def _character(character: str) -> str:
 
 
 def latex(result: Result) -> str:
-    """Return all figures of a result as LaTeX tables, one for each reference surface and one for
-    the methods under equal treatment. A table with more than COLUMNS methods is split into several.
-    Below each figure stand its 95 % interval and the paper's figure."""
+    """Return all figures of a result as LaTeX tables: one for each reference surface, and one for
+    the methods under equal treatment (same smoothing, common pixels).
+    A table with more than five methods (COLUMNS) is split into several. Below each figure are its
+    95 % interval and the paper's figure."""
     found = blocks(result)
     facts = caption(result) + best_note(found)
     return "\n".join(
@@ -94,9 +96,10 @@ def latex(result: Result) -> str:
 
 
 def column(result: Result) -> str:
-    """Return the metrics of the paper's table and the main ones as LaTeX tables narrow enough for
-    one column of IEEEtran: our figures above the paper's, against the result's first reference
-    surface. A table has at most ABREAST methods; the text is empty if the result has no figure."""
+    """Return the metrics of the paper's table and the main ones, against the result's first
+    reference surface, as LaTeX tables that fit one column of IEEEtran.
+    Our figures are above the paper's. A table has at most four methods (ABREAST). The text is empty
+    if the result has no figures."""
     found = blocks(result)[:1]
     return "\n".join(
         _narrow(result.about.name, paper_block(block), part)
@@ -124,8 +127,8 @@ def _narrow(name: str, block: Block, part: slice) -> str:
 
 
 def _parts(block: Block, abreast: int = COLUMNS) -> list[slice]:
-    """Divide a table's methods into as few parts of at most `abreast` methods as possible, with
-    sizes that differ by at most one. Returns a slice of the methods for each part."""
+    """Divide the methods of a table into as few parts of at most `abreast` methods as possible,
+    with sizes that differ by at most one. Returns a slice of the methods for each part."""
     count = len(block.methods)
     parts = max(-(-count // abreast), 1)
     edges = [count * i // parts for i in range(parts + 1)]
@@ -140,9 +143,9 @@ def _block_table(name: str, block: Block, part: slice, facts: str) -> str:
 
 
 def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[str]:
-    """Return the LaTeX rows of some lines of a table, with a gap between metrics. part: the methods
-    shown; wide: width of the column of titles, as a LaTeX length; sources: whether a column of its
-    own says whose figures they are (ours, the paper's)."""
+    """Return the LaTeX rows of several lines of a table, with a gap between metrics.
+    part: the methods shown; wide: width of the column with the titles, as a LaTeX length; sources:
+    whether a column names the source of the figures (ours or the paper's)."""
     body: list[str] = []
     for _, group in groupby(lines, key=lambda line: line.metric):
         rows = [row for line in group for row in _line_rows(line, part, wide, sources)]
@@ -151,10 +154,11 @@ def _body(lines: Iterable[Line], part: slice, wide: str, sources: bool) -> list[
 
 
 def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
-    """Return the LaTeX row of one line's figures and, if there are any, a row of their intervals
-    below; no row if all figures are missing. part: the methods shown; wide: width of the column of
-    titles, as a LaTeX length; sources: whether a column of its own says whose figures they are;
-    without it, this stands in place of an empty title."""
+    """Return the LaTeX row of one line's figures and, if any figure has an interval, a row with the
+    intervals below it; no rows if all figures are missing.
+    part: the methods shown; wide: width of the column with the titles, as a LaTeX length; sources:
+    whether a column names the source of the figures; otherwise the source replaces an empty
+    title."""
     if not set(line.cells[part]) - {NONE}:
         return []
     cells = [cell.partition(" ")[::2] for cell in line.cells[part]]
@@ -187,16 +191,16 @@ def _line_rows(line: Line, part: slice, wide: str, sources: bool) -> list[str]:
 
 
 def _s_columns(lines: Iterable[Line], part: slice) -> str:
-    """Return LaTeX's column specification of some lines' figures: one siunitx column for each
-    method in `part`."""
+    """Return LaTeX's column specification for the figures of several lines: one siunitx column for
+    each method in `part`."""
     return "".join(
         _s_column(cells) for cells in zip(*(line.cells[part] for line in lines), strict=True)
     )
 
 
 def _s_column(cells: Iterable[str]) -> str:
-    """Return the specification of a siunitx column with room for the widest of these numbers on
-    both sides of the decimal point."""
+    """Return the specification of a siunitx column that has room for the widest of these numbers,
+    on both sides of the decimal point."""
     numbers = [cell.partition(" ")[0].partition(".") for cell in cells if cell != NONE]
     sign = "-" if any(whole.startswith("−") for whole, _, _ in numbers) else ""
     before = max((len(whole.lstrip("−")) for whole, _, _ in numbers), default=1)
@@ -205,9 +209,10 @@ def _s_column(cells: Iterable[str]) -> str:
 
 
 def comparisons(result: Result) -> str:
-    """Return LaTeX tables of all differences between methods that were tested, one for each metric
-    and reference surface: the method ahead and behind, the difference with its interval, p and the
-    effect size. Empty if nothing was compared."""
+    """Return LaTeX tables of all tested differences between methods, one for each metric and
+    reference surface.
+    A row has the better and the worse method, the difference with its interval, p-value and effect
+    size. The text is empty if nothing was compared."""
     titles = {method.name: method.title for method in result.about.methods}
     texts = []
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
@@ -231,9 +236,8 @@ def comparisons(result: Result) -> str:
 
 
 def tradeoff(found: Tradeoff) -> str:
-    """Return a LaTeX table for each section of a trade-off (as imaging or ground truth) with the
-    settings on its front: those that no other setting beats in accuracy, completeness and time
-    together."""
+    """Return a LaTeX table for each section of a trade-off, such as imaging or ground truth, with
+    the settings that no other beats in accuracy, completeness and time together (the front)."""
     texts = []
     for section in found.facts.sections:
         front = [setting for setting in found.section(section.name) if setting.on_front]
@@ -277,10 +281,10 @@ def float_table(
     kind: str = "table*",
     gap_pt: float = 3.5,
 ) -> str:
-    """Return a LaTeX float with a booktabs table, over the page's width or, with kind "table", in a
-    column. text: its caption, plain; columns: LaTeX's column specification; head: cells of the
-    first row, LaTeX; body: rows made by `row`; gap_pt: half the distance between two columns in
-    points."""
+    """Return a LaTeX float with a booktabs table, as wide as the page or, with kind "table", as a
+    column.
+    text: caption, as plain text; columns: LaTeX's column specification; head: cells of the first
+    row, as LaTeX; body: rows, as LaTeX; gap_pt: half the distance between two columns, points."""
     rows = "\n".join(body)
     return rf"""% needs \usepackage{{booktabs}} and \usepackage{{siunitx}}
 \begin{{{kind}}}[{"p" if kind == "table*" else "t"}]
@@ -299,20 +303,20 @@ def float_table(
 
 
 def title_with_unit(title: str, unit: str) -> str:
-    """Return a title for LaTeX followed by its unit, as "error / mm". A unit that the title's words
-    already end in is left out, as for a count of pixels."""
+    """Return a title for LaTeX followed by its unit, such as "error / mm". The unit is left out if
+    the title itself ends with it, as for a number of pixels."""
     return escaped(title) + (
         "" if unit == title.partition(" ")[2] else f" /~{UNITS.get(unit, escaped(unit))}"
     )
 
 
 def row(cells: Iterable[str]) -> str:
-    """Return a row of a LaTeX table. cells: already LaTeX."""
+    """Return a row of a LaTeX table. cells: their text, already in LaTeX."""
     return " & ".join(cells) + r" \\"
 
 
 def num(value: float | None, places: int) -> str:
-    r"""\num{…} with `places` decimals; a dash for a missing number."""
+    r"""Return a number as \num{…} with `places` decimals; a missing number is a dash."""
     return rf"\num{{{value:.{places}f}}}" if is_known(value) else "--"
 
 
@@ -320,8 +324,8 @@ def num_figure(
     value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
 ) -> str:
     """Return a figure for LaTeX, followed by its interval [low, high] in brackets if both ends are
-    known; "--" if the value itself is unknown. unit: the metric's, which decides on the
-    decimals."""
+    known; "--" if the value itself is unknown.
+    unit: of the metric, which determines the number of decimals."""
     if not is_known(value):
         return "--"
     places = decimals(value, low, high, unit)
@@ -334,5 +338,5 @@ def num_figure(
 
 
 def p_value(p: float | None) -> str:
-    """Format a p-value for LaTeX, below 0.001 as "< 0.001"; "--" if it is unknown."""
+    """Format a p-value for LaTeX; below 0.001 it is "< 0.001", and an unknown one is "--"."""
     return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"

@@ -1,5 +1,5 @@
-"""The tables of a result as Markdown, as CSV and for the terminal (as LaTeX:
-`reports.tables.latex`), and sentences on the main comparisons of methods."""
+"""Tables of a result as Markdown, as CSV and for the terminal, and sentences on the main
+comparisons of methods. (`reports.tables.latex` makes the same tables as LaTeX.)"""
 
 import html
 import re
@@ -38,9 +38,11 @@ OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:
-    """Return a sentence for each pair of methods in PAIRS on which of the two is better and by how
-    much, on common pixels and over completeness, when their depth maps are all unsmoothed or all
-    smoothed in the same way. A pair that was not compared has no sentence."""
+    """Return for each of the main pairs of methods (PAIRS) a sentence that says which one is better
+    and by how much.
+    Both the error on common pixels and the error over completeness are compared under equal
+    treatment, that is with all depth maps unsmoothed, or all with the same smoothing. A pair that
+    was not compared has no sentence."""
     return [sentence for pair in PAIRS if (sentence := _claim(result, *pair))]
 
 
@@ -68,8 +70,8 @@ def _claim(result: Result, first: str, second: str) -> str:
 
 
 def _joined(findings: list[tuple[str, str]]) -> str:
-    """Join findings, each (which method is ahead, by how much), to one text. A method that is ahead
-    in two findings is named once."""
+    """Join findings, each a pair (which method is ahead, by how much), to one text. A method that
+    is ahead in consecutive findings is named once."""
     groups = groupby(findings, key=lambda finding: finding[0])
     return ", ".join(f"{who} {' and '.join(amount for _, amount in of)}" for who, of in groups)
 
@@ -86,8 +88,9 @@ def _ahead(line: Any, titles: dict[str, str]) -> tuple[str, str]:
 
 
 def table(headings: Sequence[str], lines: Iterable[Sequence[str]], texts: int = 1) -> str:
-    """Return a Markdown table. headings: one per column; lines: rows of cells, already escaped; the
-    first `texts` columns are aligned left, the others right."""
+    """Return a Markdown table.
+    headings: one for each column; lines: rows of cells, already escaped. The first `texts` columns
+    are aligned left, the others right."""
     rule = "|" + "---|" * texts + "--:|" * (len(headings) - texts)
     return "\n".join([_line(headings), rule, *map(_line, lines)]) + "\n"
 
@@ -97,8 +100,8 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return `text` on one line for a cell of a Markdown table, so that Markdown and HTML show it
-    literally."""
+    """Return `text` on one line for a cell of a Markdown table, escaped so that Markdown and HTML
+    show it literally."""
     return re.sub(r"([\\`*_\[\]|#~$])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
@@ -109,7 +112,8 @@ def bold(text: str) -> str:
 
 def markdown(result: Result) -> str:
     """Return all figures of a result as Markdown: a caption, then one table for each reference
-    surface and one for the methods under equal treatment. The best figures are bold."""
+    surface and one for the methods under equal treatment (same smoothing, common pixels). The best
+    figures are bold."""
     found = blocks(result)
     parts = [
         f"# {escaped(result.about.name)}\n",
@@ -134,7 +138,7 @@ def markdown(result: Result) -> str:
 
 def comparisons_markdown(result: Result) -> str:
     """Return the tested differences between methods as Markdown: the main findings as a list, then
-    a table of every difference in words with its p and effect size. Empty if nothing was
+    a table of every difference in words with its p-value and effect size. Empty if nothing was
     compared."""
     if result.comparisons.empty:
         return ""
@@ -159,8 +163,8 @@ def comparisons_markdown(result: Result) -> str:
 
 
 def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """Return a trade-off as Markdown: for each section (as imaging or ground truth) a table of time
-    and error of every setting. Settings on the front, which no other beats, are bold."""
+    """Return a trade-off as Markdown: for each section, such as imaging or ground truth, a table
+    with error and time of every setting. Settings that no other beats (the front) are bold."""
     parts = [
         f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
         "Bold: no other setting is as fast, "
@@ -188,8 +192,9 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
 
 
 def csv_text(result: Result) -> str:
-    """Return the result's table of figures as CSV, one line for each metric, method and reference
-    surface. Each line also has the ratio of our figure to the paper's, and the method's seconds per
+    """Return the main table of a result as CSV, with one line for each metric, method and reference
+    surface.
+    Each line also has the ratio of our figure to the paper's, and the method's seconds per
     frame."""
     times = result.table[result.table.metric == "seconds"].drop_duplicates(["method", "reference"])
     seconds = times.set_index(["method", "reference"]).value
@@ -212,9 +217,10 @@ def csv_text(result: Result) -> str:
 
 
 def stages(result: Result) -> pd.DataFrame:
-    """Return a table with a row for each method and processing stage, in the order in which they
-    first ran: method, stage, number of tasks, how many were reused from an earlier run, and as
-    formatted texts the medians of seconds, cpu_seconds and peak_memory_mb."""
+    """Return a table with one row for each method and processing stage, in the order in which they
+    first ran.
+    Its columns are method, stage, number of tasks, how many of these were reused from an earlier
+    run, and, as formatted text, the medians of seconds, cpu_seconds and peak_memory_mb."""
     titles = {method.name: method.title for method in result.about.methods}
     groups = result.tasks.groupby(["method", "stage"], sort=False)
     counts = groups.cached.agg(tasks="size", cached="sum")
@@ -224,8 +230,8 @@ def stages(result: Result) -> pd.DataFrame:
 
 
 def show(result: Result) -> None:
-    """Print a result's main figures on stdout, a table for each reference surface, then the main
-    findings and a line for each stage that failed."""
+    """Print the main figures of a result on stdout: a table for each reference surface, then the
+    main findings and a line for each stage that failed."""
     console = wide_console()
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
@@ -238,8 +244,8 @@ def show(result: Result) -> None:
 
 
 def wide_console() -> Console:
-    """Return a rich console on stdout. Into a pipe or a file it writes lines of up to 200
-    characters, on a terminal as wide as this is."""
+    """Return a rich console on stdout. It is as wide as the terminal; in a pipe or a file, lines
+    have up to 200 characters."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 200
@@ -247,8 +253,9 @@ def wide_console() -> Console:
 
 
 def print_table(table: Table) -> None:
-    """Print a table on stdout. Cells break between words only; where the words of a row do not fit
-    on the terminal, its lines are longer than that, so that no figure is cut."""
+    """Print a table on stdout.
+    Cells are broken only between words. If a row does not fit on the terminal even so, the lines
+    become longer than the terminal is wide, so that no figure is cut."""
     console = wide_console()
     texts = [[str(cell) for cell in (c.header, *c.cells)] for c in table.columns]
     least, most = (
@@ -271,9 +278,10 @@ def terminal_table(
     lines: Iterable[Sequence[str]],
     texts: Collection[str] = ("",),
 ) -> Table:
-    """Return a rich table to print. heading: its title, may be empty; columns: their headings;
-    lines: rows of plain cells; texts: headings of the columns that are aligned left (default: the
-    columns without a heading), the others right."""
+    """Return a rich table to print on the terminal.
+    heading: title, may be empty; columns: headings of the columns; lines: rows of plain cells;
+    texts: headings of the columns that are aligned left (default: those without a heading); the
+    others are aligned right."""
     grid = Table(
         title=Text(heading) if heading else None,
         title_justify="left",

@@ -12,11 +12,11 @@ from importlib import import_module
 
 import numpy as np
 
-from handbench.radar.imaging.device import SETTING, array_module, describe
-from handbench.support.errors import HandbenchError
+from handbench.radar.imaging.device import SETTING, describe
 from handbench.support.progress import track
 from tests.hard_cases.cases import HardCase, Worst
 from tests.hard_cases.table import markdown
+from tests.radar.imaging.cupy_stand_in import has_gpu
 
 GROUPS = ("phase", "data", "geometry", "smoothing", "registration", "meshes", "statistics")
 IMAGING = ("phase", "data", "geometry")
@@ -40,15 +40,6 @@ def row(group: str, case: HardCase) -> tuple[str | float, ...]:
     if case.kind == "refusal" and verdict == "holds":
         verdict, where = "refused", "everywhere"
     return group, case.name, case.kind, case.bound, worst.value, case.unit, where, verdict
-
-
-def has_gpu() -> bool:
-    """Whether CuPy and a CUDA device are there."""
-    try:
-        array_module("cuda")
-    except HandbenchError:
-        return False
-    return True
 
 
 def main() -> int:

@@ -1,1 +1,2 @@
-"""Scenes of all kinds: the effects that "auto" chooses."""
+"""Study of `effects = "auto"`, the automatic selection of simulated effects, on scenes of all
+kinds."""

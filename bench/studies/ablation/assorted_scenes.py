@@ -1,8 +1,8 @@
-"""Random scenes of all kinds, each of a seed alone: what stands before the array, how far away, and
-what is imperfect.
+"""Random scenes of all kinds, each determined by a seed: the target, its distance, and the
+imperfections of radar and surroundings.
 
-Sizes of causes are spread evenly over decades, so that each effect is anything between all and
-nothing.
+Strengths of imperfections are drawn evenly on a logarithmic scale, so that each effect ranges from
+negligible to dominant.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ BEHIND_M = 0.2  # the stand's plate
 
 
 def assorted_scene(seed: int, folder: Path) -> Scene:
-    """Make the random scene of a seed; its kind (hand, bowl, plate, …) is seed modulo the number of
-    KINDS. A mesh that it needs is written into the folder."""
+    """Make the random scene of a seed. The seed modulo the number of kinds selects the kind of
+    target (hand, bowl, sphere, …). If the target is a mesh, it is written into the folder."""
     draw, kind = np.random.default_rng(seed), KINDS[seed % len(KINDS)]
     name = f"{kind.replace(' ', '-')}-{seed}"
     target, surface = _target(kind, draw)
@@ -65,8 +65,8 @@ def assorted_scene(seed: int, folder: Path) -> Scene:
 
 
 def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], TriangleMesh | None]:
-    """Draw a target of a kind: its table in the scene file, and its mesh (None for a built-in
-    shape)."""
+    """Draw a target of the given kind, such as "hand" or "bowl". Returns its table for the scene
+    file, and its mesh (None for a shape that scene files have built in)."""
     shape: dict[str, Any] = {"kind": kind, "edge_m": EDGE_M}
     match kind:
         case "sphere":
@@ -93,8 +93,8 @@ def _target(kind: str, draw: np.random.Generator) -> tuple[dict[str, Any], Trian
 
 
 def _imperfect(draw: np.random.Generator) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Draw the sensor's imperfections, and the tables of noise and stand; each is there or not at
-    random."""
+    """Draw imperfections, of which each is present or absent at random. Returns the sensor's keys
+    for the scene file, and the scene file's tables of noise and stand."""
     faults = {
         "oscillator": {"level_dbc_hz": draw.uniform(-120, -80)},
         "pattern": {"beamwidth_deg": draw.uniform(40, 150)},
@@ -124,9 +124,9 @@ def _decades(draw: np.random.Generator, low: float, high: float) -> float:
 
 
 def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> TriangleMesh:
-    """Make the mesh of a bowl: a part of a spherical shell, thick_m thick, open towards −z.
-    It reaches to half_angle_deg, seen from the sphere's centre, from its deepest point, which is at
-    the origin."""
+    """Make the mesh of a bowl: a cap of a spherical shell of radius radius_m, thick_m thick, which
+    opens towards −z and has its deepest point at the origin. half_angle_deg: angle from the cap's
+    middle to its rim, seen from the sphere's centre."""
     surface = sphere_mesh(radius_m, EDGE_M)
     x, y, z = np.asarray(surface.vertices).T
     polar, turn = np.arccos(np.clip(z / radius_m, -1, 1)), np.arctan2(y, x)
@@ -137,6 +137,6 @@ def bowl(radius_m: float, half_angle_deg: float, thick_m: float = 2e-3) -> Trian
 
 
 def wire(radius_m: float, x_m: float) -> TriangleMesh:
-    """Make the mesh of a cylinder along y through x_m, of length WIRE_M."""
+    """Make the mesh of a cylinder 80 mm long (WIRE_M), parallel to the y axis at x = x_m."""
     along, around = int(WIRE_M / EDGE_M), max(16, int(2 * np.pi * radius_m / EDGE_M))
     return cylinder_mesh(radius_m, WIRE_M, around, along).translate([x_m, 0.0, 0.0])

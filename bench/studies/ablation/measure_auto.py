@@ -1,8 +1,10 @@
-"""Scenes that differ in kind, from files or of random seeds: whether "auto" keeps its tolerance on
-them against everything that the scene has a cause for, and what it costs.
+"""Study of `effects = "auto"`: whether automatically selected effects keep their tolerance compared
+with all effects that a scene has a cause for, and how much time they save.
 
-python -m handbench.bench.studies.ablation.measure_auto [SCENE.toml …] [--tolerances 0.1,1]
-[--seeds N]
+The scenes are from files or of random seeds, and differ in kind.
+
+    python -m handbench.bench.studies.ablation.measure_auto
+        [SCENE.toml …] [--tolerances 0.1,1] [--seeds N]
 """
 
 from __future__ import annotations
@@ -37,10 +39,13 @@ BOX_M = (-0.015, 0.065)  # along z about the target's nearest point, as the pape
 
 
 def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
-    """Make the study of `effects = "auto"`: how well and how fast it simulates each of several
-    scenes.
-    scenes: files; none: those beside this script, unless seeds > 0. tolerances: in mm, separated by
-    commas. seeds: number of random scenes to add, of the seeds 0 to seeds − 1."""
+    """Make the study of `effects = "auto"`: how accurately and how fast it simulates each of
+    several scenes.
+
+    work: folder for files. scenes: scene files; if empty, those next to this script, unless seeds >
+    0. tolerances: in mm, separated by commas. seeds: number of random scenes to add, with the seeds
+    0 to seeds − 1.
+    """
     tolerances_mm = tuple(float(text) for text in tolerances.split(","))
     work.mkdir(parents=True, exist_ok=True)
     cases: list[tuple[str, Callable[[], Scene]]] = [
@@ -59,16 +64,19 @@ def study(work: Path, scenes: list[Path], tolerances: str, seeds: int) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Make two tables: one of all scenes and tolerances, and one that sums up each tolerance."""
+    """Make two tables from the records: one with a row for each scene and tolerance, and one with a
+    summary of each tolerance."""
     known = {"rows": records, "summary": summary(records)}
     return [Table(name, SCHEMAS[name].columns, records) for name, records in known.items()]
 
 
 def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
-    """Simulate a scene with automatically chosen effects and with every effect that it has a cause
-    for.
+    """Simulate one frame of a scene with automatically selected effects, and with every effect that
+    it has a cause for.
+
     Returns a record for each tolerance: the effects left out, the change of each method's depth
-    map, whether it keeps the tolerance, and the CPU seconds. One frame each."""
+    map, whether the change is within the tolerance, and CPU seconds.
+    """
     radar_scene = echo_scene(scene)
     every = tuple(e.id for e in EFFECTS if e.id not in CONTAINED and not e.missing(radar_scene))
     ways: dict[float | None, dict[str, Any]] = {None: {"effects": every}}
@@ -104,7 +112,8 @@ def compare(scene: Scene, tolerances_mm: tuple[float, ...]) -> list[Record]:
 
 
 def summary(rows: list[Record]) -> list[Record]:
-    """Sum up each tolerance: in how many scenes it was kept, and how the times compare."""
+    """Make a record for each tolerance: in how many scenes it was kept, and how the CPU times with
+    selected and with all effects compare. rows: records of one scene and tolerance each."""
     found = []
     for mm in sorted({row["tolerance_mm"] for row in rows}):
         these = [row for row in rows if row["tolerance_mm"] == mm]
@@ -124,9 +133,12 @@ def summary(rows: list[Record]) -> list[Record]:
 
 
 def depth_maps(scene: Scene, capture: RadarCapture) -> dict[str, np.ndarray]:
-    """Image a capture by every method that its tones allow: method → depths [ny, nx], metres.
-    Captures of few tones are those of random scenes; their images are placed around the scene's
-    target."""
+    """Compute the depth maps of a capture with every method that its tones allow. Returns depths
+    [ny, nx] in metres by the method's name.
+
+    Captures with few tones are those of random scenes; their images are placed around the scene's
+    target.
+    """
     few = len(capture.frequencies_hz) < 100
     maps = {}
     for name in FEW if few else (*FEW, *MANY):
@@ -151,10 +163,12 @@ Timed = tuple[float, float, RadarCapture, tuple[Choice, ...]]
 
 
 def timed_round(listed: dict[float | None, Scene]) -> dict[float | None, Timed]:
-    """Simulate each scene and time it: key → CPU seconds of choosing the effects, CPU seconds of
-    simulating, the capture, and the list of effects.
-    listed: tolerance in mm (None: all effects) → scene. If two have the same effects, the
-    simulation and its time are shared."""
+    """Simulate several variants of a scene, and time each.
+
+    listed: scenes by their tolerance in mm (None: all effects). Returns, by tolerance: CPU seconds
+    of selecting the effects, CPU seconds of the simulation, the capture, and a row for each effect.
+    Variants with the same effects share one simulation and its time.
+    """
     found: dict[float | None, Timed] = {}
     known: dict[frozenset[str], tuple[float, RadarCapture]] = {}
     for mm, scene in listed.items():
@@ -169,8 +183,8 @@ def timed_round(listed: dict[float | None, Scene]) -> dict[float | None, Timed]:
 
 
 def main() -> None:
-    """Measure whether automatically chosen effects keep their tolerance against all effects, and
-    what time they save, scene by scene; write and print the tables."""
+    """Measure whether automatically selected effects keep their tolerance compared with all
+    effects, and how much time they save in each scene; write and print the tables."""
     options = parser("ablation.measure_auto", 'What effects = "auto" chooses.')
     shown = f"default: those in {SCENES.name}/ beside this script"
     options.add_argument("scenes", nargs="*", type=Path, metavar="SCENE.toml", help=shown)

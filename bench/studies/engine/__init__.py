@@ -1,1 +1,1 @@
-"""The engine's benchmark: time, error and memory of imaging and simulation."""
+"""Benchmark of the imaging engine and of the simulation: time, error and memory."""

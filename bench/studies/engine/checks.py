@@ -1,5 +1,5 @@
-"""A check that holds on any machine: cost grows as it should with finer steps, larger boxes, more
-channels and tones."""
+"""Growth of the imaging time with finer steps, larger boxes, more channels and more tones. The
+fitted exponents can be checked on any machine."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -17,10 +17,12 @@ TOLERANCE = 1e-3
 
 
 def growth(inputs: Inputs) -> list[Record]:
-    """Measure how the time of imaging grows with voxels, channels and tones: a record for each of
-    these.
-    A record has the sizes, the seconds of imaging and of preparing (the plan) at each size, and the
-    exponent fitted to them."""
+    """Measure how the time of imaging grows with the number of voxels, channels and tones.
+
+    Returns a record for each of these: the sizes, the seconds of imaging and of its preparation
+    (the plan, computed once per geometry) at each size, and the exponent fitted to the seconds of
+    imaging.
+    """
     scope, tones_hz, grid, array = inputs.scope, inputs.tones_hz, inputs.grid, inputs.array
     grown: dict[str, dict[int, Work]] = {}
     for what, grow in (("voxels, finer steps", finer), ("voxels, larger box", larger)):
@@ -56,19 +58,20 @@ def _series(what: str, steps: dict[int, Work]) -> Record:
 
 
 def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> float:
-    """Slope of log(seconds) over log(sizes), by least squares."""
+    """Fit the exponent of a power law: the slope of log(seconds) over log(sizes), by least
+    squares."""
     return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
 def finer(grid: VoxelGrid, factor: float) -> VoxelGrid:
-    """Return the grid's box with about `factor` times as many voxels."""
+    """Return a grid over the same box with about `factor` times as many voxels."""
     axes = (grid.x_m, grid.y_m, grid.z_m)
     return VoxelGrid(*(np.linspace(a[0], a[-1], round(len(a) * factor ** (1 / 3))) for a in axes))
 
 
 def larger(grid: VoxelGrid, factor: float) -> VoxelGrid:
-    """Return a grid of the same steps over a box of about `factor` times the volume; its near face
-    and its lateral centre stay."""
+    """Return a grid with the same steps over a box of about `factor` times the volume, with the
+    same near face and lateral centre."""
     axes = (grid.x_m, grid.y_m, grid.z_m)
     x, y, z = (np.arange(round(len(a) * factor ** (1 / 3))) * np.diff(a)[0] for a in axes)
     x, y = (new - new.mean() + old.mean() for new, old in ((x, grid.x_m), (y, grid.y_m)))
@@ -76,8 +79,8 @@ def larger(grid: VoxelGrid, factor: float) -> VoxelGrid:
 
 
 def resampled(array: AntennaArray, count: int) -> AntennaArray:
-    """Return an array of `count` transmitters and `count` receivers, spread evenly along the given
-    one's sides."""
+    """Return an array of `count` transmitters and `count` receivers, spread evenly along the sides
+    of the given array."""
 
     def along(position_m: np.ndarray) -> np.ndarray:
         place, number = np.linspace(0, len(position_m) - 1, count), np.arange(len(position_m))

@@ -1,6 +1,7 @@
-"""The engine's benchmark: what imaging and simulation cost, measured in one run.
+"""Benchmark of the engine: time, error and memory of imaging and simulation, measured in one run.
 
-Seconds drift with the machine; ratio_to_exact, within one run, is what counts.
+Seconds vary with the state of the machine; compare the column ratio_to_exact, which relates times
+of one run.
 """
 
 from __future__ import annotations
@@ -23,14 +24,15 @@ SCHEMAS = declared_tables(__file__)
 
 
 def study(work: Path, quick: bool) -> Study:
-    """Measure the engine: time, error and memory of a volume, of a 3-FSK frame and of a simulation,
-    and how cost grows with size. quick: a small volume."""
+    """Make the benchmark of the engine: time, error and memory of imaging a volume, of a 3-FSK
+    frame and of a simulation, and how cost grows with size. quick: use a small volume."""
     inputs = Inputs(QUICK if quick else Scope())
     return Study("engine", list(SECTIONS), lambda name: SECTIONS[name](inputs), tables)
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Make two tables: times, errors and memory, by section; and how cost grows with size."""
+    """Make two tables from the records: times, errors and memory by section, and the growth of cost
+    with size."""
     rows, grown = ([r for r in records if ("method" in r) == of] for of in (True, False))
     return [
         Table("rows", SCHEMAS["rows"].columns, rows, by="section"),
@@ -39,8 +41,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def main() -> None:
-    """Measure time, error and memory of imaging and simulation against exact and textbook sums, and
-    how they grow with size; write and print the tables."""
+    """Measure time, error and memory of imaging and simulation in comparison with exact and
+    textbook sums, and how they grow with size; write and print the tables."""
     purpose = "what imaging and simulation cost in time, error and memory, and how that grows"
     options = parser("engine.measure_engine", purpose)
     quick = "a small volume, in two minutes: does it all run?"

@@ -1,8 +1,8 @@
-"""The exact images that every row's error is taken against: random voxels, and whole columns of
-random pixels.
+"""Exact images with which the benchmark compares fast ones: at random voxels of a volume, and at
+all voxels along z of random pixels.
 
-Errors are relative to the whole volume's root mean square, so that random voxels speak for the
-whole volume.
+Errors are relative to the root mean square of the whole volume, so that errors at random voxels
+represent the whole volume.
 """
 
 from dataclasses import dataclass
@@ -25,10 +25,13 @@ STAND_IN = 1e-6  # tolerance of the volume that gives the mask and the root mean
 @dataclass(frozen=True)
 class EngineReference:
     """The exact values with which every fast image is compared.
-    voxels [n], pixels [p]: flat indices of what is checked, chosen at random. exact: "hand" or
-    "noise" → exact image [n] at the voxels, from all tones. rms: the same → root mean square of the
-    whole image. direct [d]: float64 sums of the hand's echoes at the first d voxels. columns: peaks
-    along z at the checked pixels, from exact images. mask [ny, nx]: pixels on target."""
+
+    voxels [n], pixels [p]: flat indices of the checked voxels and pixels, chosen at random. exact:
+    complex image [n] at the voxels, by source of the echoes ("hand" or "noise"). rms: root mean
+    square of the whole image, by source. direct [d]: float64 sums over the hand's echoes at the
+    first d voxels. columns: peaks along z at the pixels, from exact images. mask [ny, nx]: pixels
+    on the target.
+    """
 
     grid: VoxelGrid
     threshold_db: float
@@ -43,18 +46,21 @@ class EngineReference:
     def error(
         self, values: np.ndarray, source: str = "hand", exact: np.ndarray | None = None
     ) -> float:
-        """Compute an image's relative L2 error at the checked voxels, relative to the whole image's
-        root mean square.
-        values [≤ n]: the image at the first checked voxels. source: "hand" or "noise". exact: other
-        values to compare with."""
+        """Compute the root mean square error of an image at the checked voxels, relative to the
+        root mean square of the whole exact image.
+
+        values [≤ n]: the image at the first checked voxels. source: of its echoes, "hand" or
+        "noise". exact: values to compare with (None: the exact image of that source).
+        """
         exact = self.exact[source] if exact is None else exact
         known = min(len(values), len(exact))
         difference = values[:known].astype(np.complex128) - exact[:known]
         return float(np.sqrt(np.mean(np.abs(difference) ** 2)) / self.rms[source])
 
     def deviation(self, peaks: Peaks) -> Record:
-        """Compare the peaks of a whole volume with the exact ones: mean depth deviation at the
-        checked pixels, mm, and the number of pixels that are on target in only one of both."""
+        """Compare the peaks along z of a whole volume with the exact ones. Returns the mean depth
+        deviation at the checked pixels in mm, and the number of pixels that only one of the two
+        volumes counts as target."""
         index, magnitude = peaks.index.ravel(), peaks.magnitude.reshape(3, -1)
         checked = Peaks(index[self.pixels], magnitude[:, self.pixels])
         mask = amplitude_db(peaks.magnitude[1]) >= self.threshold_db
@@ -64,8 +70,8 @@ class EngineReference:
         }
 
     def deviation_mm(self, checked: Peaks) -> float:
-        """Compute the mean |Δz|, mm, between the peaks at the checked pixels [p] and the exact
-        ones, with depths interpolated between voxels."""
+        """Compute the mean |Δz|, mm, between the given peaks at the checked pixels [p] and the
+        exact ones. Depths are interpolated between voxels."""
         off_m = self._depths_m(checked) - self._depths_m(self.columns)
         return 1e3 * float(np.abs(off_m).mean())
 
@@ -75,7 +81,7 @@ class EngineReference:
 
 
 def reference(inputs: Inputs) -> EngineReference:
-    """Choose the voxels and pixels that are checked, and compute their exact images."""
+    """Choose random voxels and pixels to check, and compute the exact images there."""
     scope, grid, array, tones_hz = inputs.scope, inputs.grid, inputs.array, inputs.tones_hz
     random, threshold_db = np.random.default_rng(0), scope.config.threshold_db
     voxels = random.choice(int(np.prod(grid.shape)), scope.checked_voxels, replace=False)
@@ -108,14 +114,14 @@ def reference(inputs: Inputs) -> EngineReference:
 
 
 def column_points_m(grid: VoxelGrid, pixels: np.ndarray) -> np.ndarray:
-    """Return the centres [nz · p, 3], metres, of all voxels in the columns along z of pixels with
-    these flat indices [p]."""
+    """Return the centres [nz · p, 3], metres, of all voxels along z at p pixels, layer by layer.
+    pixels [p]: flat indices."""
     layer = np.prod(grid.shape[1:])
     return grid.points_at_m((np.arange(grid.shape[0])[:, None] * layer + pixels).ravel())
 
 
 def column_peaks(images: np.ndarray, grid: VoxelGrid) -> Peaks:
-    """Find the peaks along z of images [nz · p] at the points of `column_points_m`: one for each of
-    the p pixels."""
+    """Find the strongest voxel along z at each of p pixels. images [nz · p]: complex image at all
+    voxels of these pixels, all pixels of the first layer first."""
     peaks = strongest_voxels(images.astype(np.complex64).reshape(len(grid.z_m), 1, -1))
     return Peaks(peaks.index[0], peaks.magnitude[:, 0])

@@ -1,5 +1,5 @@
-"""The scope of the measurement: the paper's volume, tones and array, and the echoes of a hand; and
-how much of it in how long."""
+"""Scope and inputs of the engine's benchmark: the paper's volume, tones and array, the echoes of a
+hand, and how many voxels, repeats and sizes are measured."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,8 +23,8 @@ PAPER_DEPTH = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
 
 @dataclass(frozen=True)
 class Scope:
-    """The extent of the measurement; the defaults are the paper's volume and what `make bench` does
-    in some minutes."""
+    """Scope of the benchmark: volume, tolerances, and how much is measured. The defaults are the
+    paper's volume and a measurement of some minutes."""
 
     lateral: Axis = PAPER_LATERAL
     depth: Axis = PAPER_DEPTH
@@ -42,13 +42,13 @@ class Scope:
 
     @property
     def config(self) -> BroadbandConfig:
-        """The broadband configuration with this volume, whose tones and threshold are the method's
-        defaults."""
+        """Configuration of the method "broadband" for this volume, with the method's default tones
+        and threshold."""
         return BroadbandConfig(x=self.lateral, y=self.lateral, z=self.depth)
 
     @property
     def frame(self) -> ThreeToneConfig:
-        """The 3-FSK frame on the same pixels."""
+        """Configuration of 3-FSK on the pixels of this volume."""
         return ThreeToneConfig(x=self.lateral, y=self.lateral)
 
 
@@ -71,15 +71,15 @@ QUICK = Scope(
 
 @dataclass(frozen=True)
 class Inputs:
-    """What is imaged and simulated: the array, and the echoes of a hand in the pose of the ASL
-    letter F."""
+    """Inputs of the benchmark: the antenna array, and the simulated echoes of a hand that shows the
+    ASL letter F."""
 
     scope: Scope
     array: AntennaArray = field(default_factory=qar50)
 
     @cached_property
     def scatterers(self) -> Scatterers:
-        """The hand's facets that the array sees, as scatterers."""
+        """The facets of the hand that the array sees, as input of the simulation of echoes."""
         target = {"kind": "hand", "pose": "F", "edge_m": self.scope.edge_m}
         scene = build(SceneFile(version=1, name="F", target=target))
         seen = shadow_centre(bare_echoes(echo_scene(scene))).surface
@@ -88,18 +88,18 @@ class Inputs:
 
     @property
     def grid(self) -> VoxelGrid:
-        """The volume's voxels."""
+        """The voxels of the volume."""
         return self.scope.config.grid()
 
     @property
     def tones_hz(self) -> np.ndarray:
-        """Frequencies [f]."""
+        """Frequencies [f] of the broadband sweep, Hz."""
         return self.scope.config.tones_hz()
 
     @cached_property
     def samples(self) -> dict[str, np.ndarray]:
-        """Complex64 samples [f, t, r] by source: "hand", the hand's echoes, and "noise", white
-        noise."""
+        """Samples [f, t, r], complex64, by their source: "hand" for the hand's echoes, "noise" for
+        white noise."""
         hand = simulate(self.scatterers, self.tones_hz, self.array)
         return {"hand": hand, "noise": white_noise(hand.shape)}
 
@@ -113,6 +113,6 @@ class Inputs:
 
 
 def white_noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
-    """Circular Gaussian noise of unit power: complex64 of this shape."""
+    """Return circular Gaussian noise of unit power, complex64 of this shape."""
     parts = np.random.default_rng(seed).standard_normal((*shape, 2), dtype=np.float32)
     return (parts * np.float32(np.sqrt(0.5))).view(np.complex64)[..., 0]

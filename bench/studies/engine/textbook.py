@@ -1,6 +1,7 @@
-"""Backprojection as one would write it first: the yardsticks that the engine is compared with.
+"""Simple implementations of backprojection, with which the engine is compared.
 
-All image points_m [n, 3] from samples [f, t, r] of an array: complex [n].
+Each function computes the image [n], complex, at points_m [n, 3] from samples [f, t, r] of an
+antenna array at frequencies_hz [f].
 """
 
 import numba
@@ -16,8 +17,8 @@ BLOCK = 512  # voxels that share a profile while it is in the cache
 def numpy_sum(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
 ) -> np.ndarray:
-    """Backproject by the plain sum in float64: one exponential per point, channel and tone. Returns
-    [n]."""
+    """Backproject by the plain sum in float64, with one exponential for each point, channel and
+    tone. samples [f, t, r]; points_m [n, 3]. Returns the image [n]."""
     wavenumber = 2 * np.pi * frequencies_hz[:, None, None] / SPEED_OF_LIGHT_M_S
     image = np.empty(len(points_m), np.complex128)
     for i, point in enumerate(track(points_m, "numpy")):
@@ -30,8 +31,8 @@ def numpy_sum(
 def numba_sum(
     samples: np.ndarray, frequencies_hz: np.ndarray, array: AntennaArray, points_m: np.ndarray
 ) -> np.ndarray:
-    """Backproject by the plain sum in compiled loops on all cores, one exponential per point,
-    channel and tone. Returns [n]."""
+    """Backproject by the plain sum in compiled loops on all cores, with one exponential for each
+    point, channel and tone. samples [f, t, r]; points_m [n, 3]. Returns the image [n]."""
     wavenumber = 2 * np.pi * frequencies_hz / SPEED_OF_LIGHT_M_S
     return _numba_sum(samples, wavenumber, array.tx_m, array.rx_m, points_m)
 
@@ -63,9 +64,11 @@ def range_compressed(
     bins: int = BINS,
 ) -> np.ndarray:
     """Backproject from range profiles: a zero-padded FFT over the tones of each channel, then
-    linear interpolation per point and channel. Returns [n].
-    bins: length of a range profile. The tones must be equidistant, and paths shorter than their
-    ambiguity."""
+    linear interpolation for each point and channel. Returns the image [n].
+
+    samples [f, t, r]; points_m [n, 3]. bins: length of a range profile. The tones must be evenly
+    spaced, and paths shorter than the unambiguous length.
+    """
     tones = len(frequencies_hz)
     step_hz = (frequencies_hz[-1] - frequencies_hz[0]) / (tones - 1)
     # about the band's centre profiles vary least
@@ -107,6 +110,6 @@ def _interpolated(  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _leg(antennas_m, points_m, bins_per_m, wavenumber):  # type: ignore[no-untyped-def]
     """Compute the distances from antennas [a, 3] to points [p, 3] in range bins, and their phase
-    factors at the carrier: both [a, p]."""
+    factors at the centre frequency; both are [a, p]."""
     distance_m = np.sqrt(((points_m - antennas_m.reshape(-1, 1, 3)) ** 2).sum(axis=2))
     return bins_per_m * distance_m, np.exp(1j * wavenumber * distance_m).astype(np.complex64)

@@ -1,5 +1,7 @@
-"""Timing in turns: every case in a process of its own, so that its plan is built there and its
-memory is nobody else's; in turns, so that a machine that gets slower does so for all of them.
+"""Fair timing of several computations.
+
+Each computation has its own process, so that preparation and memory of the others do not count.
+Repeats take turns, so that a machine that becomes slower does so for all of them.
 """
 
 from __future__ import annotations
@@ -24,11 +26,14 @@ Work = Callable[[], Any]
 
 @dataclass(frozen=True)
 class EngineCase:
-    """Something to time.
-    work: called without arguments. keep: takes from its result, untimed, what is to be returned.
-    fraction: the part of the whole task that `work` does; the time of the whole is extrapolated.
-    fixed: does what is needed even for none of it. repeats: timings after the first call (0: the
-    first one counts), each the mean of `calls` calls in sequence."""
+    """A computation to time.
+
+    method: its name in tables. work: function without arguments that does it. keep: extracts from
+    the result, untimed, what is to be returned. fraction: share of the whole task that `work` does;
+    the time is extrapolated to the whole. fixed: function that does only the part that is needed
+    for any share. repeats: number of timings after the first call (0: the first call counts).
+    calls: number of calls in each timing, of which the mean counts.
+    """
 
     method: str
     work: Work
@@ -40,8 +45,11 @@ class EngineCase:
 
 
 class Timing(NamedTuple):
-    """The timing of some calls: seconds of one; peak_mb: by how much they raised the process's
-    resident memory at most (None: unknown); kept: what was kept of the result."""
+    """Timing of one or more calls.
+
+    seconds: mean of the calls. peak_mb: by how much the calls raised the peak of the process's
+    resident memory, MB (None: unknown). kept: what was extracted from the result.
+    """
 
     seconds: float
     peak_mb: float | None
@@ -50,8 +58,8 @@ class Timing(NamedTuple):
 
 @dataclass(frozen=True)
 class Measured:
-    """A case's timings: of its first call, of its fixed part (0 if it has none), and of the later
-    calls, seconds."""
+    """Timings of one computation, in seconds: of its first call, of the part that does not depend
+    on the share computed (0 if there is none), and of the later calls."""
 
     case: EngineCase
     first: Timing
@@ -60,12 +68,13 @@ class Measured:
 
     @property
     def seconds(self) -> float:
-        """Median time of the whole."""
+        """Median time in seconds, extrapolated to the whole task."""
         return self._whole(np.median)
 
     @property
     def plan_s(self) -> float:
-        """The extra time of the first call over the later ones, s: that of preparing (planning)."""
+        """Time of preparation (the plan, computed once per geometry) in seconds: how much longer
+        the first call took than the median of the later ones."""
         later_s = float(np.median(self.repeats_s or [self.first.seconds]))
         return max(self.first.seconds - later_s, 0.0)
 
@@ -74,9 +83,12 @@ class Measured:
         return self.fixed_s + max(part_s - self.fixed_s, 0.0) / self.case.fraction
 
     def record(self, section: str, exact: Measured | None = None, **known: Any) -> Record:
-        """Return the case's record: its times, memory, and what else is known of it.
-        exact: timings of the exact computation, for the ratio. known: further columns; those that
-        are None are left out."""
+        """Return the row of this computation for a table: its times and memory, and further
+        columns.
+
+        section: of the table. exact: timings of the exact computation, from which the ratio is
+        computed. known: further columns by name; values of None are left out.
+        """
         found = {
             "section": section,
             "method": self.case.method,
@@ -93,15 +105,17 @@ class Measured:
 
 
 def room() -> ProcessPoolExecutor:
-    """Start a process in which the compiled functions are ready; what is submitted to it must be
+    """Start a process in which the compiled functions are loaded. Functions submitted to it must be
     picklable."""
     return ProcessPoolExecutor(1, get_context("spawn"), initializer=compile_kernels)
 
 
 def interleaved(title: str, cases: Sequence[EngineCase], apart: bool = True) -> dict[str, Measured]:
-    """Time all cases in turns: name of the case → its timings.
-    apart: each case has a process of its own; else they share one, and peaks of memory mean
-    nothing."""
+    """Time several computations in turns, and return the timings by the computation's name.
+
+    title: printed with the progress. apart: True gives each computation its own process; otherwise
+    they share one, and peaks of memory mean nothing.
+    """
     found: dict[str, Measured] = {}
     with contextlib.ExitStack() as stack:
         rooms = [stack.enter_context(room()) for _ in (cases if apart else cases[:1])]
@@ -121,18 +135,19 @@ def interleaved(title: str, cases: Sequence[EngineCase], apart: bool = True) -> 
 
 
 def everything(result: Any) -> Any:
-    """Keep a result as it is."""
+    """Return a result unchanged, for computations whose whole result is kept."""
     return result
 
 
 def named(what: str, tolerance: float | None) -> str:
-    """A method's name with its tolerance, as fast volume, 1e-3."""
+    """Return the name of a method with its tolerance, such as "fast volume, 1e-3"; "exact" without
+    a tolerance."""
     return "exact" if tolerance is None else f"{what}, {tolerance:.0e}".replace("e-0", "e-")
 
 
 def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) -> Timing:
-    """Call `work` so many times in this process; return the mean time and the rise of memory. keep:
-    takes from the last result what is to be returned."""
+    """Call `work` `calls` times in this process. Returns the mean time, the rise of memory, and
+    what `keep` extracts from the last result (None: nothing)."""
     with contextlib.suppress(OSError):  # the peak starts from here, where the kernel allows it
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     before_mb, start = _status_mb("VmRSS"), time.perf_counter()
@@ -144,8 +159,8 @@ def timed(work: Work, keep: Callable[[Any], Any] | None = None, calls: int = 1) 
 
 
 def _status_mb(name: str) -> float | None:
-    """Read a figure of /proc/self/status, in MB; None where there is none. Linux keeps the exact
-    peak of memory there, which sampling would miss."""
+    """Read the entry `name` of Linux's /proc/self/status, in MB; None on other systems. The peak of
+    memory there is exact, while sampling would miss it."""
     with contextlib.suppress(OSError):
         for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
             if line.startswith(name):

@@ -1,6 +1,5 @@
-"""Rows of the volume (the machine's ceiling, the textbook's ways, the exact path, the fast engine),
-of a 3-FSK frame and of the simulation of the hand's echoes.
-"""
+"""Rows of the engine's benchmark: imaging of a volume (in comparison with the machine's limit,
+textbook sums and exact sums), imaging of 3-FSK frames, and simulation of a hand's echoes."""
 
 from __future__ import annotations
 
@@ -40,11 +39,12 @@ FRAMES = 10  # timed together: a radar images frame after frame
 
 
 def frame_rows(inputs: Inputs) -> list[Record]:
-    """Time 3-FSK frames, by exact sums and by the fast imaging at each tolerance: a record for
-    each.
-    A frame is imaged from echoes to depth map, with uncertainty. The error is that of the images of
-    the first two tones in one plane. The points on target are so few that exact sums cost less than
-    a plan."""
+    """Time 3-FSK frames, from echoes to depth map with uncertainty, by exact sums and by the fast
+    imaging at each tolerance. Returns a record for each.
+
+    The error is that of the images of the first two tones in one plane. Few points are on the
+    target, so that exact sums cost less than preparing the fast imaging.
+    """
     capture, config, repeats = inputs.frame, inputs.scope.frame, inputs.scope.repeats
 
     def case(tolerance: float | None) -> EngineCase:
@@ -74,7 +74,7 @@ def frame_rows(inputs: Inputs) -> list[Record]:
 
 def simulation_rows(inputs: Inputs) -> list[Record]:
     """Time the simulation of a hand's echoes, by exact sums and by the fast simulation at each
-    tolerance: a record for each."""
+    tolerance. Returns a record for each."""
     scatterers, repeats = inputs.scatterers, inputs.scope.repeats
     work = partial(simulate, scatterers, inputs.tones_hz, inputs.array)
     cases = [
@@ -97,8 +97,12 @@ def simulation_rows(inputs: Inputs) -> list[Record]:
 def _rows(
     section: str, measured: dict[str, Measured], known: Callable[[float | None, Measured], Record]
 ) -> list[Record]:
-    """Make a record for each tolerance. known: tolerance and timings → further columns. The exact
-    computation (None) has no error, tolerance or plan of its own."""
+    """Make a record for each tolerance; the tolerance None means exact sums, which have no error
+    and no time of preparation.
+
+    section: of the table. measured: timings by the computation's name. known: function of tolerance
+    and timings that returns further columns.
+    """
     rows = []
     for tolerance in TOLERANCES:
         timings = measured[named("fast", tolerance)]
@@ -123,9 +127,12 @@ COMPRESSED = "range-compressed, linear interpolation"
 
 
 def volume_rows(inputs: Inputs) -> list[Record]:
-    """Time the imaging of a volume in several ways, in turns: a record for each.
-    They are a matrix product of the machine (its ceiling), textbook sums, exact sums, and the fast
-    imaging (volume and projection) at each tolerance."""
+    """Time several ways of imaging a volume, in turns. Returns a record for each.
+
+    The ways are textbook sums, exact sums, and the fast imaging (complex volume, and projection to
+    its strongest voxels along z) at each tolerance. A matrix product of the machine shows the limit
+    of its speed.
+    """
     scope, checked = inputs.scope, reference(inputs)
     ceiling = EngineCase(GEMM, partial(gemm, scope.gemm_size), repeats=scope.repeats)
     cases = [ceiling, *_slow_cases(inputs, checked), *_fast_cases(inputs, checked)]
@@ -139,10 +146,13 @@ def volume_rows(inputs: Inputs) -> list[Record]:
 
 
 def _slow_cases(inputs: Inputs, checked: EngineReference) -> list[EngineCase]:
-    """List the slow ways of imaging the volume, each timed on a part of it and extrapolated.
-    Textbook sums are timed on the first checked voxels, the exact ones on one plane. Interpolation
-    gains from neighbouring voxels, so it is timed on one plane too, and what it does for a single
-    point is subtracted."""
+    """List the slow ways of imaging the volume, each timed on a part of it and extrapolated to the
+    whole.
+
+    Textbook sums are timed on some random voxels, exact sums on one plane. Interpolation of range
+    profiles is faster for neighbouring voxels, so it is timed on one plane; the time for a single
+    point, mostly that of the FFTs, is needed once and is not extrapolated.
+    """
     grid, scope = inputs.grid, inputs.scope
     points_m = grid.points_at_m(checked.voxels)
 
@@ -215,8 +225,8 @@ def _compressed_accuracy(inputs: Inputs, checked: EngineReference) -> Record:
 def _fast_rows(
     inputs: Inputs, checked: EngineReference, measured: dict[str, Measured], tolerance: float
 ) -> list[Record]:
-    """Make the records of the fast volume and projection at one tolerance. The projection's error
-    is taken to be the volume's, whose plan it shares."""
+    """Make the records of the fast volume and the fast projection at one tolerance. The projection
+    uses the volume's preparation, and its error is taken to be the volume's."""
     ways = ("fast volume", "fast projection")
     volume, projection = (measured[named(way, tolerance)] for way in ways)
     values, peaks = volume.first.kept

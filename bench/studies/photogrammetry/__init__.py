@@ -1,1 +1,1 @@
-"""Ground truths of rendered hands."""
+"""Study of photogrammetry on rendered photographs of hands."""

@@ -1,8 +1,11 @@
-"""Photographs of hands rendered, reconstructed as a user would, and scored against the truth.
+"""Study of photogrammetry: photographs of hands are rendered, reconstructed as a user would, and
+the meshes compared with the true surface.
 
-python -m handbench.bench.studies.photogrammetry.measure_photogrammetry bars|sweep [--poses C,Y]
+    python -m handbench.bench.studies.photogrammetry.measure_photogrammetry bars|sweep
+        [--poses C,Y]
 
-`bars`: what a ground truth is held to. `sweep`: its price in time, on the first pose.
+`bars` measures the accuracy in several conditions, and whether predicted standard deviations are
+right. `sweep` measures accuracy against computing time, on the first pose.
 """
 
 from __future__ import annotations
@@ -39,8 +42,11 @@ WITHIN = {"within_1_sigma": 1.0, "within_2_sigma": 2.0, "within_95": BAND}  # st
 def study(work: Path, what: str, poses: str) -> Study:
     """Make the study of photogrammetry on rendered photographs of hands, whose true surface is
     known.
-    what: "bars": accuracy and honesty of the error bars, on all poses; "sweep": accuracy against
-    time, on the first pose. poses: letters or mesh files, separated by commas."""
+
+    work: folder for photographs and results. what: "bars" for the accuracy and the predicted
+    standard deviations on all poses; "sweep" for accuracy against time on the first pose. poses:
+    letters of the manual alphabet or mesh files, separated by commas.
+    """
     letters = tuple(poses.split(","))
     return Study(
         f"photogrammetry_{what}",
@@ -52,15 +58,17 @@ def study(work: Path, what: str, poses: str) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Make the study's only table, of all records."""
+    """Make the study's one table, with a row for each record."""
     return [Table("rows", declared_tables(__file__)["rows"].columns, records)]
 
 
 def measure(case: PhotogrammetryCase, work: Path) -> Record:
-    """Render a case's photographs, reconstruct them, and compare the mesh with the truth: one
-    record.
-    Photographs and intermediate results are kept under `work`; cases with the same ones share
-    them."""
+    """Render the photographs of a case, reconstruct them, and compare the mesh with the true
+    surface. Returns a record.
+
+    Photographs and intermediate results are kept in `work`, where cases with the same photographs
+    share them.
+    """
     file = case.scene_file()
     scene = build(file, Path(case.pose).parent)
     mesh = {"mesh": content_hash(Path(case.pose))} if case.is_file else {}
@@ -85,8 +93,9 @@ def measure(case: PhotogrammetryCase, work: Path) -> Record:
 def reconstructed(
     case: PhotogrammetryCase, scene: Scene, photos: Path, options: Options, workdir: Path
 ) -> Record:
-    """Reconstruct a case's photographs and compare the mesh with the scene: a record of errors,
-    time and memory. workdir: keeps the stages' results."""
+    """Reconstruct the photographs of a case in the folder `photos`, and compare the mesh with the
+    scene. Returns a record of errors, time and memory. workdir: folder that keeps the stages'
+    results."""
     with costs() as cost:
         result = reconstruct(photos, options, workdir)
     about = ("pose", "cameras", "width", "quality")
@@ -102,10 +111,13 @@ def reconstructed(
 
 
 def score(result: ReconstructedMesh, scene: Scene) -> Record:
-    """Compare a reconstruction with the scene that was photographed: figures by name.
-    Distances, metres, are those of the mesh's observed vertices to the true surface (median, RMS,
-    …). Shares (within_…) tell how many of them are below so many of the vertices' own σ. Also:
-    completeness, error of the scale, and mean error of the cameras' centres."""
+    """Compare a reconstruction with the scene that was photographed. Returns statistics by name.
+
+    Distances in metres (median_m, rms_m, …) are those of the mesh's observed vertices from the true
+    surface. The shares within_1_sigma, within_2_sigma and within_95 say for how many vertices the
+    distance is below so many of the vertex's predicted standard deviations. Further values:
+    completeness, error of the scale, and mean error of the cameras' centres.
+    """
     surface, photo_from_radar = result.surface, scene.radar_from_photo.inverse()
     points_m = scene.radar_from_photo.points(surface.vertices_m)[surface.observed]
     true_surface = raycasting_scene(scene.target_mesh)
@@ -130,16 +142,20 @@ def score(result: ReconstructedMesh, scene: Scene) -> Record:
 
 
 def completeness(points_m: np.ndarray, side_m: np.ndarray) -> float:
-    """Share of the points side_m [n, 3] that are within a millimetre of one of points_m [m, 3]."""
+    """Compute the share of the true surface's points side_m [n, 3] that are within a millimetre of
+    a point of the reconstruction, points_m [m, 3]."""
     return float(
         np.mean(KDTree(points_m).query(side_m, distance_upper_bound=COMPLETE_M)[0] < np.inf)
     )
 
 
 def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, Camera]) -> float:
-    """Compute the relative error of the scale that the estimated cameras cause.
-    points_m [n, 3], photo frame: projected by the true cameras and triangulated by the estimated
-    ones, `ours`. 0.01: they come out 1 % larger."""
+    """Compute the relative error of scale that errors of the estimated cameras cause: 0.01 means
+    that reconstructions are 1 % too large.
+
+    points_m [n, 3] (photo frame) are projected by the true cameras, and triangulated by the
+    estimated ones, `ours`.
+    """
     normal, right = np.zeros((len(points_m), 3, 3)), np.zeros((len(points_m), 3))
     for camera in ours:
         xy = np.asarray(camera.colmap().cam_from_img(true[camera.name].project(points_m)))
@@ -154,8 +170,8 @@ def scale_error(points_m: np.ndarray, ours: tuple[Camera, ...], true: dict[str, 
 
 
 def main() -> None:
-    """Measure, on rendered hands, the error of reconstructed surfaces, how honest their σ is, and
-    the time; write and print the table."""
+    """Measure, on rendered hands, the error of reconstructed surfaces, whether their predicted
+    standard deviations are right, and the time; write and print the table."""
     purpose = "what photogrammetry's accuracy costs, and whether its error bars are honest"
     options = parser("photogrammetry.measure_photogrammetry", purpose)
     what = "what a ground truth is held to, or its price in time"

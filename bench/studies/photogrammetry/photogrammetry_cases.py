@@ -1,4 +1,5 @@
-"""The hands that are photographed, and what is varied."""
+"""Cases of the study of photogrammetry: the hands that are rendered, and the conditions that are
+varied."""
 
 from __future__ import annotations
 
@@ -28,9 +29,11 @@ PLACED = {"distance_m": 0.31, "offset_m": (0.0, -0.03)}  # handbench's hands and
 @dataclass(frozen=True)
 class PhotogrammetryCase:
     """A hand in a pose, its photographs, and how they are reconstructed.
-    pose: a letter, or a mesh file in metres, in the frame of handbench's hands. cameras, width:
-    number of photographs, and their width in pixels. quality: of the depth maps. known: whether the
-    intrinsics are given. photos: further settings of the rendering."""
+
+    pose: a letter of the manual alphabet, or a mesh file in metres in the frame of handbench's
+    hands. cameras, width: number of photographs, and their width in pixels. quality: of the depth
+    maps. known: True if the intrinsics are given. photos: further settings of the rendering.
+    """
 
     name: str
     pose: str
@@ -43,11 +46,12 @@ class PhotogrammetryCase:
 
     @property
     def is_file(self) -> bool:
-        """True if the hand comes from a mesh file."""
+        """True if the hand is from a mesh file."""
         return self.pose.endswith((".ply", ".obj", ".stl"))
 
     def scene_file(self) -> SceneFile:
-        """Return the scene to render: a hand of skin on the stand, photographs of format 3:2."""
+        """Return the scene to render: a hand of skin on the stand, with photographs in the format
+        3:2."""
         photos = {
             "cameras": self.cameras,
             "width": self.width,
@@ -71,7 +75,8 @@ class PhotogrammetryCase:
 
 
 def bars(poses: tuple[str, ...]) -> Iterator[PhotogrammetryCase]:
-    """The demands on a ground truth, on each pose."""
+    """Yield the cases that measure accuracy: for each pose, several numbers of photographs, and
+    easy and difficult conditions such as unknown intrinsics, defocus or weak texture."""
     for seed, pose in enumerate(poses, start=201):
         yield PhotogrammetryCase("8 views", pose, seed)
         yield PhotogrammetryCase("5 views, speckle", pose, seed, cameras=5, photos=SPECKLE)
@@ -84,7 +89,9 @@ def bars(poses: tuple[str, ...]) -> Iterator[PhotogrammetryCase]:
 
 
 def sweep(pose: str, seed: int = 301) -> Iterator[PhotogrammetryCase]:
-    """Yield the cases of the sweep: number of photographs × image size × quality, on one pose."""
+    """Yield the cases that measure accuracy against time: all combinations of number of
+    photographs, image size and quality on one pose, without some that take minutes and add no
+    information."""
     for cameras in (5, 8, 12):
         for width in (1500, 3000):
             for quality in ("draft", "normal", "high"):

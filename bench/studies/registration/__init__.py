@@ -1,1 +1,2 @@
-"""Registrations of photographs and radar whose truth is known."""
+"""Study of the registration of photographs and radar, on simulated captures with known
+transforms."""

@@ -1,10 +1,11 @@
-"""Placements of the calibration target simulated, calibrated as a user would, and compared with the
-truth.
+"""Study of the registration of photographs and radar: placements of the calibration target are
+simulated, calibrated as a user would, and the transforms compared with the true ones.
 
-python -m handbench.bench.studies.registration.measure_registration full|faults [--trials N]
+    python -m handbench.bench.studies.registration.measure_registration full|faults
+        [--trials N]
 
-`full`: photographs and echoes simulated. `faults`: echoes simulated, clouds drawn, something wrong
-with every second placement.
+`full` simulates photographs and echoes. `faults` simulates echoes, draws the point clouds that
+photogrammetry would give, and adds a fault to every second placement.
 """
 
 from __future__ import annotations
@@ -47,11 +48,14 @@ WRONG_M = 2e-3  # an error anywhere in the hand's volume that should have been a
 
 @dataclass(frozen=True)
 class PlacementScore:
-    """Errors of one registration of camera and radar (radar_from_photo).
-    shift_m [3]: displacement of the hand's centre; turn_rad [3]: rotation error (a vector); tre_m
-    [n]: distance from the truth at the points VOLUME_M, where hands are; predicted_m [n]: its root
-    mean square according to the covariance; nees: eᵀC⁻¹e of the six errors, χ² with 6 degrees of
-    freedom if the covariance C is honest."""
+    """Errors of one estimated transform from the photo frame to the radar frame.
+
+    shift_m [3]: displacement of the hand's centre. turn_rad [3]: rotation error, as a rotation
+    vector. tre_m [n]: displacement of points spread over the volume where hands are (VOLUME_M).
+    predicted_m [n]: root mean square of these displacements that the transform's covariance
+    predicts. nees: eᵀC⁻¹e of the six errors e (shift and rotation); χ²-distributed with 6 degrees
+    of freedom if the covariance C is right.
+    """
 
     shift_m: np.ndarray
     turn_rad: np.ndarray
@@ -61,8 +65,8 @@ class PlacementScore:
 
 
 def score(found: Transform, true: Transform) -> PlacementScore:
-    """Compare a radar_from_photo that was found with the true one: its errors, and those that its
-    covariance predicts."""
+    """Compute the errors of an estimated transform from the photo frame to the radar frame, and the
+    errors that its covariance predicts. true: the true transform."""
     shift_m = found.points(true.inverse().points(HAND_M)) - HAND_M
     turn_rad = Rotation.from_matrix(found.rotation @ true.rotation.T).as_rotvec()
     predicted_m = np.sqrt(np.trace(found.point_covariance(VOLUME_M), axis1=1, axis2=2))
@@ -73,9 +77,11 @@ def score(found: Transform, true: Transform) -> PlacementScore:
 
 def study(work: Path, what: str, trials: int | None) -> Study:
     """Make the study of the registration on simulated placements of the calibration target.
-    what: "full": photographs and echoes are simulated; "faults": echoes are simulated, the cameras'
-    point clouds drawn, and something is wrong with every second placement. trials: number of
-    placements."""
+
+    work: folder for files. what: "full" simulates photographs and echoes; "faults" simulates
+    echoes, draws the cameras' point clouds, and adds a fault to every second placement. trials:
+    number of placements (None: the default).
+    """
     faults = [one for fault in FAULTS for one in ("none", fault)] if what == "faults" else ["none"]
     cases = [(n, faults[n % len(faults)]) for n in range(trials or TRIALS[what])]
     carried_out = photographed if what == "full" else sampled
@@ -89,8 +95,8 @@ def study(work: Path, what: str, trials: int | None) -> Study:
 
 
 def tables(records: list[Record]) -> list[Table]:
-    """Make two tables: one of all placements, and one that sums up each fault, followed by the
-    reasons why placements were refused."""
+    """Make two tables from the records: one row for each placement, and a summary of each fault,
+    followed by the reasons why placements were refused."""
     reasons = dict.fromkeys(f"- {r['fault']}: {r['refused']}\n" for r in records if r["refused"])
     faults = dict.fromkeys(r["fault"] for r in records)
     summaries = [summarised([r for r in records if r["fault"] == fault]) for fault in faults]
@@ -101,8 +107,8 @@ def tables(records: list[Record]) -> list[Table]:
 
 
 def summarised(records: list[Record]) -> Record:
-    """Sum up the placements with one fault: how many were calibrated, refused, or wrong by more
-    than WRONG_M, and their errors."""
+    """Summarise the placements with one fault: how many were calibrated, refused, or calibrated
+    with an error above 2 mm (WRONG_M); their errors; and the median time."""
     scores = [record["score"] for record in records if not record["refused"]]
     return {
         "fault": records[0]["fault"],
@@ -116,10 +122,13 @@ def summarised(records: list[Record]) -> Record:
 
 
 def summary(scores: Sequence[PlacementScore]) -> Record:
-    """Sum up the errors of several registrations: figures by name.
-    They are: root mean squares of shift and rotation; the 95th percentile of the error over the
-    hand's volume; the predicted root-mean-square error divided by the observed one; and the mean
-    NEES with the band that holds 95 % of such means if covariances are honest."""
+    """Summarise the errors of several registrations. Returns statistics by name.
+
+    They are root mean squares of shift and rotation, the 95th percentile of the displacement over
+    the hand's volume, the predicted root mean square displacement divided by the observed one, the
+    mean NEES (normalised squared error, eᵀC⁻¹e), and the band that contains 95 % of such means if
+    the covariances are right.
+    """
     turn_rad = np.linalg.norm([s.turn_rad for s in scores], axis=1)
     tre_m = np.concatenate([s.tre_m for s in scores])
     predicted_m = np.concatenate([s.predicted_m for s in scores])
@@ -141,8 +150,11 @@ def _rms(values: np.ndarray) -> float:
 
 
 def photographed(number: int, fault: str, work: Path) -> Record:
-    """Simulate photographs and echoes of a placement, calibrate from them, and return the errors or
-    the refusal as a record."""
+    """Simulate the photographs and echoes of a placement, and calibrate from them. Returns a record
+    with the errors, or with the reason why the calibration was refused.
+
+    number: of the placement. fault: "none", for the record. work: folder for the simulated capture.
+    """
     folder = work / f"placement-{number}"
     chosen, capture = placement(number, folder, photos={"cameras": 8}), folder / "capture"
     if not capture.exists():
@@ -154,9 +166,14 @@ def photographed(number: int, fault: str, work: Path) -> Record:
 
 
 def sampled(number: int, fault: str, work: Path) -> Record:
-    """Simulate the echoes of a placement, draw a point cloud of what the cameras would see of its
-    spheres, calibrate from both, and return the errors or the refusal as a record.
-    fault: "none" or one of FAULTS."""
+    """Simulate the echoes of a placement, draw the point cloud that photogrammetry would give of
+    its spheres, and calibrate from both. Returns a record with the errors, or with the reason why
+    the calibration was refused.
+
+    number: of the placement. fault: "none", or what is wrong: "two hidden" or "fifth missing"
+    (spheres), "wrong file" (description of the target) or "clutter" (a further ball). work: folder
+    for files.
+    """
     chosen = placement(number, work / f"placement-{number}")
     described = wrong(chosen.described) if fault == "wrong file" else chosen.described
     echoing, seen = shown(number, fault)
@@ -171,8 +188,8 @@ def sampled(number: int, fault: str, work: Path) -> Record:
 
 
 def tried(chosen: Placement, fault: str, work: Callable[[], Transform]) -> Record:
-    """Calibrate by `work`, and return the record of the placement: time, and its errors against the
-    truth, or why it was refused."""
+    """Calibrate a placement by calling `work`, and return a record: the time, and the errors of the
+    transform or the reason why the calibration was refused. fault: copied to the record."""
     record, start = {"placement": chosen.number, "fault": fault, "refused": ""}, time.perf_counter()
     try:
         found = work()
@@ -193,15 +210,17 @@ def tried(chosen: Placement, fault: str, work: Callable[[], Transform]) -> Recor
 
 
 def shown(number: int, fault: str) -> tuple[list[int], list[int]]:
-    """Return the indices of the target's five elements that echo, and those that the cameras see,
-    in a placement with this fault."""
+    """Return the indices of the calibration target's five elements (spheres with a ball) that echo,
+    and of those that the cameras see, in a placement with this fault. number: of the placement,
+    which determines what is hidden."""
     hidden = {"two hidden": (number % 4, (number + 1) % 4), "fifth missing": (4,)}.get(fault, ())
     echoing = [i for i in range(5) if i not in hidden]
     return echoing, echoing if number // 8 % 2 == 0 else list(range(5))
 
 
 def wrong(target: Target) -> Target:
-    """Return the description of a target whose square is 20 mm larger: a wrong file."""
+    """Return the description of a target whose square of spheres is 20 mm larger, as if the user
+    named the wrong file."""
     larger = [
         e.model_copy(update={"centre_m": tuple((np.array(e.centre_m) * 7 / 6).tolist())})
         for e in target.element
@@ -222,8 +241,8 @@ def _echoes(chosen: Placement, elements: list[int], clutter: bool) -> RadarCaptu
 
 
 def _clutter(balls: Sequence[Ball], number: int) -> Ball:
-    """Draw a bare metal ball in the volume in which the target is searched, not touching the
-    target."""
+    """Draw a bare metal ball in the volume in which the calibration searches the target, without
+    contact to the target's balls. number: of the placement, the seed of the draw."""
     rng = np.random.default_rng([number, 7])
     while True:
         centre_m = rng.uniform((-0.12, -0.12, 0.24), (0.12, 0.12, 0.40))
@@ -232,8 +251,8 @@ def _clutter(balls: Sequence[Ball], number: int) -> Ball:
 
 
 def main() -> None:
-    """Measure the error of the registration of camera and radar on simulated placements of the
-    target, and how often faults are refused; write the tables and print the summary."""
+    """Measure the error of the registration of photographs and radar on simulated placements of the
+    calibration target, and how often faults are refused; write the tables and print the summary."""
     purpose = "placements of the calibration target against the truth"
     options = parser("registration.measure_registration", purpose)
     what = "photographs too, or many placements with faults"

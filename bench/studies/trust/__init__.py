@@ -1,1 +1,2 @@
-"""The calibration of p_gross."""
+"""Study of p_gross, the predicted probability that a depth is grossly wrong, and its
+calibration."""

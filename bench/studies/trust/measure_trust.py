@@ -1,12 +1,13 @@
-"""Trust in depths: p_gross is calibrated on some random scenes and hands, and tested on other
-surfaces, on other hands, and on scenes of a generator that the calibration never saw.
+"""Study of p_gross, the predicted probability that a pixel's depth is grossly wrong.
 
-A pixel is wrong where its depth is more than 5 mm from the nearest depth that the true surface has
-within the pixel's resolution cell: a depth between two surfaces is wrong. What is measured shares
-the features with the product, and the truth with nothing that the methods know.
+Its weights are fitted to some random scenes and hands, and tested on other surfaces, on other
+hands, and on scenes of a generator that was not used in the fit. A pixel is wrong if its depth
+differs by more than 5 mm from every depth of the true surface within the pixel's resolution cell; a
+depth between two surfaces is therefore wrong. The features are computed by the same code as in the
+product; the truth is independent of everything that the methods know.
 
-python -m handbench.bench.studies.trust.measure_trust [--scenes N] [--methods A,B]
-[--captures CAPTURE …] [--fit]
+    python -m handbench.bench.studies.trust.measure_trust
+        [--scenes N] [--methods A,B] [--captures CAPTURE …] [--fit]
 """
 
 from __future__ import annotations
@@ -56,9 +57,12 @@ def study(
     work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int
 ) -> Study:
     """Make the study of p_gross, the predicted probability that a pixel's depth is grossly wrong.
-    scenes: number of scenes of random points; one hand to HANDS of these and one assorted scene to
-    ASSORTED are added, and `captures`. methods: ids separated by commas (empty: twelve that
-    differ). fit: fit the weights of p_gross anew. seed: of the scenes."""
+
+    work: folder for files. scenes: number of scenes of random points. For every 10 of these a scene
+    with a hand is added, for every 30 an assorted scene, and finally the folders `captures`.
+    methods: method ids separated by commas (empty: twelve different ones). fit: True to fit the
+    weights of p_gross again. seed: of the scenes.
+    """
     chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
     return Study(
         "trust",
@@ -72,11 +76,14 @@ def study(
 def pixels(
     case: TrustCase, methods: tuple[str, ...], seed: int, work: Path, fit: bool
 ) -> list[Record]:
-    """Image one scene by each method: a record for each, with what is known of its n pixels.
-    found [n, k]: the features from which p_gross is predicted. wrong [n]: whether the depth is off
-    by more than GROSS_M. held [n]: whether 2σ contains the error (1, 0; −1: unknown).
-    fit: weights are fitted; in some of the scenes for it, some depths are then moved to wrong
-    places."""
+    """Image one scene with each method. Returns a record for each, with the following arrays over
+    its n pixels that have a depth.
+
+    found [n, k]: the features from which p_gross, the probability of a gross error, is predicted.
+    wrong [n]: True if the depth error exceeds 5 mm (GROSS_M). held [n]: 1 if the error is below 2σ,
+    0 if not, −1 if unknown. fit: True if weights will be fitted; then, in some of the scenes for
+    the fit, some depths are moved to wrong values.
+    """
     scene, of_points, records = known(case, seed, work), case.family == "points", []
     few = len(scene.capture.frequencies_hz) < SWEPT // 2
     calibrating = of_points and case.group == "calibration"
@@ -108,8 +115,9 @@ def pixels(
 
 
 def moved(depth: DepthMap, seed: int) -> DepthMap:
-    """Return the map with the depths around one of its pixels put off by some centimetres, as by a
-    wrong wavelength period. Its σ and flags stay as they are."""
+    """Return a depth map in which the depths around one pixel are wrong by some centimetres, as
+    after a wrong choice of the wavelength period. Its standard deviations and flags are unchanged.
+    seed: of the pixel and the error."""
     rng, on = np.random.default_rng(seed), np.argwhere(np.isfinite(depth.z_m))
     row, column = rng.choice(on) if len(on) else (0, 0)
     y, x = np.ogrid[: depth.z_m.shape[0], : depth.z_m.shape[1]]
@@ -118,9 +126,12 @@ def moved(depth: DepthMap, seed: int) -> DepthMap:
 
 
 def tables(records: list[Record], fit: bool) -> list[Table]:
-    """Make two tables, by group of scenes and method: how well p_gross predicts gross depth errors,
-    and its reliability: predicted against observed shares of wrong pixels.
-    fit: first fit the weights of trust.toml to the calibrating scenes, and write them."""
+    """Make two tables by group of scenes and method: how well p_gross predicts gross depth errors,
+    and its reliability (predicted probability against observed share of wrong pixels).
+
+    records: one for each scene and method, with features and errors of its pixels. fit: True to fit
+    the weights to the scenes for calibration first, and write them to trust.toml.
+    """
     rows, bins, by, weights = [], [], itemgetter("group", "method"), {}
     records = [record for record in records if len(record["wrong"])]
     if fit:
@@ -140,10 +151,13 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
 
 
 def figures(p: list[np.ndarray], records: list[Record]) -> Record:
-    """Compute how well p_gross and σ predict the errors in some scenes: figures by name.
-    p: for each scene, p_gross [n] of its pixels. records: those of `pixels`, for the same scenes.
-    Among the figures are the Brier score, the shares of wrong pixels that remain after the most
-    doubtful ones are dropped, precision and recall of the flag, and the coverage of 2σ."""
+    """Compute how well p_gross and σ predict the errors in some scenes. Returns statistics by name.
+
+    p: p_gross [n] of the pixels of each scene. records: errors of the pixels, for the same scenes.
+    Among the statistics are the Brier score, the share of wrong pixels that remains after those
+    with the highest p_gross are removed, precision and recall of the flag (p_gross above a limit),
+    and the share of errors below 2σ.
+    """
     wrong = [record["wrong"] for record in records]
     silent = np.sort([np.count_nonzero(w & (q < SILENT)) for q, w in zip(p, wrong, strict=True)])
     every, off = np.concatenate(p), np.concatenate(wrong)
@@ -170,10 +184,11 @@ def _percent(part: int, whole: int) -> float | None:
 
 
 def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
-    """Compare predicted with observed probability, in bins of p_gross: a record for each bin with
-    pixels.
-    p [n]: p_gross of the pixels; wrong [n]: whether they are grossly wrong. A record has the mean
-    p_gross, the share of wrong pixels, and their number."""
+    """Compare predicted with observed probability in bins of p_gross.
+
+    p [n]: p_gross of the pixels. wrong [n]: True if a pixel is grossly wrong. Returns a record for
+    each bin with pixels: the mean p_gross, the share of wrong pixels, and the number of pixels.
+    """
     place = np.clip(np.searchsorted(BINS, p, side="right") - 1, 0, len(BINS) - 2)
     return [
         {
@@ -186,8 +201,9 @@ def reliability(p: np.ndarray, wrong: np.ndarray) -> list[Record]:
 
 
 def _fitted(records: list[Record]) -> np.ndarray:
-    """Fit the weights [1 + k] of p_gross to the calibrating scenes. Points and hands count equally
-    as a whole. Raises HandbenchError if there is no such scene."""
+    """Fit the weights [1 + k] of p_gross, the constant first, to the scenes for calibration among
+    the records. Scenes of points and hands get equal total weight. Raises HandbenchError if there
+    is no such scene."""
     some = [r for r in records if r["group"] == "calibration"]
     if not some:
         raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")
@@ -200,10 +216,13 @@ def _fitted(records: list[Record]) -> np.ndarray:
 
 
 def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Fit a logistic regression: weights [1 + k], the constant first, that make `wrong` most
-    likely.
-    found [n, k]: features of the pixels; wrong [n]: whether they are grossly wrong; share [n]:
-    weight of each pixel in the likelihood. Large standardised weights are slightly penalised."""
+    """Fit a logistic regression. Returns the weights [1 + k], the constant first, that make the
+    observations `wrong` most likely.
+
+    found [n, k]: features of the pixels. wrong [n]: True if a pixel is grossly wrong. share [n]:
+    weight of each pixel in the likelihood. Large weights of standardised features are slightly
+    penalised.
+    """
     mean, scale = found.mean(axis=0), found.std(axis=0)
     scale = np.where(scale > 1e-6, scale, np.inf)  # what never changes gets no weight
     known = np.column_stack([np.ones(len(found)), (found - mean) / scale])
@@ -222,7 +241,7 @@ def fitted(found: np.ndarray, wrong: np.ndarray, share: np.ndarray) -> np.ndarra
 
 
 def as_toml(weights: dict[str, np.ndarray]) -> str:
-    """Return the text of trust.toml. weights: method → weights [1 + k], the constant first."""
+    """Return the text of trust.toml. weights: arrays [1 + k], the constant first, by method id."""
     command = "python -m handbench.bench.studies.trust.measure_trust --fit"
     lines = [f"# Weights of p_gross, written by `{command}`."]
     for id, values in weights.items():
@@ -232,8 +251,8 @@ def as_toml(weights: dict[str, np.ndarray]) -> str:
 
 
 def main() -> None:
-    """Measure whether p_gross, the predicted probability of a gross depth error, is honest on
-    scenes that it was not fitted to; write and print the tables."""
+    """Measure whether p_gross, the predicted probability of a gross depth error, is right on scenes
+    that it was not fitted to; write and print the tables."""
     purpose = "whether p_gross is honest: calibrated on some random scenes, tested on others"
     options = parser("trust.measure_trust", purpose)
     count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"

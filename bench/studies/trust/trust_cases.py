@@ -1,6 +1,10 @@
-"""Scenes whose true surface is known, of several families: a cloud of random points on a surface
-before an array of 24 + 24 antennas, with what makes it hard; hands of many people with every effect
-of the simulation; assorted scenes with imperfect antennas; and captures with a truth."""
+"""Scenes with a known true surface, for the study of p_gross (the predicted probability that a
+depth is grossly wrong).
+
+There are four families: random points on a surface in front of an array of 24 + 24 antennas, with
+difficulties such as clutter; hands of many people with all simulated effects; assorted scenes with
+imperfect antennas; and given captures with a true surface.
+"""
 
 from __future__ import annotations
 
@@ -51,15 +55,15 @@ Surface = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def tilted(rng: np.random.Generator) -> Surface:
-    """Draw a plane, inclined by up to 40° along x and along y: a function of x, y [m] that returns
-    z [m]."""
+    """Draw a plane that is inclined by up to 40° along x and along y. Returns its z as a function
+    of x and y, metres."""
     slope = np.tan(np.deg2rad(rng.uniform(-40, 40, 2)))
     return lambda x, y: slope[0] * x + slope[1] * y
 
 
 def bumpy(rng: np.random.Generator) -> Surface:
-    """Draw waves, 1 to 6 mm high and 10 to 40 mm long: a function of x, y [m] that returns z
-    [m]."""
+    """Draw a wavy surface with waves 1 to 6 mm high and 10 to 40 mm long. Returns its z as a
+    function of x and y, metres."""
     height_m, length_m = rng.uniform(1e-3, 6e-3), rng.uniform(0.01, 0.04)
     first, second = rng.uniform(0, 2 * np.pi, 2)
     turns = 2 * np.pi / length_m
@@ -67,15 +71,15 @@ def bumpy(rng: np.random.Generator) -> Surface:
 
 
 def step(rng: np.random.Generator) -> Surface:
-    """Draw a step whose edge runs along y, 2 to 50 mm deep: a function of x, y [m] that returns z
-    [m]. Steps of more than 30 mm exceed what three tones can tell apart."""
+    """Draw a step, 2 to 50 mm deep, with its edge along y. Returns its z as a function of x and y,
+    metres. Steps above 30 mm exceed the unambiguous range of three tones."""
     height_m, place_m = rng.uniform(2e-3, 0.05), rng.uniform(-0.01, 0.01)
     return lambda x, y: np.where(x > place_m, height_m, 0.0)
 
 
 def fingers(rng: np.random.Generator) -> Surface:
-    """Draw cylinders 8 to 16 mm thick, side by side on a palm at z = 5 to 25 mm: a function of x, y
-    [m] that returns z [m]."""
+    """Draw cylinders, 8 to 16 mm thick, side by side in front of a palm that is a plane at z = 5 to
+    25 mm. Returns the z of this surface as a function of x and y, metres."""
     width_m, depth_m = rng.uniform(0.008, 0.016), rng.uniform(0.005, 0.025)
 
     def z_m(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -93,8 +97,11 @@ CALIBRATING = {"points": ("tilted", "step"), "hands": LETTERS}
 
 @dataclass(frozen=True)
 class TrustCase:
-    """A scene whose true surface is known. Family ("points", "hands", "assorted", "captures"), kind
-    and number determine everything else."""
+    """A scene with a known true surface.
+
+    family: "points", "hands", "assorted" or "captures". kind: the surface, letter or folder within
+    the family. Family, kind and number determine everything else.
+    """
 
     family: str
     kind: str
@@ -105,8 +112,8 @@ class TrustCase:
 
     @property
     def group(self) -> str:
-        """The group of scenes in the tables: "calibration" (to which weights are fitted), "other
-        surfaces" of points, or else the family."""
+        """The group of scenes in tables: "calibration" if weights are fitted to this scene; "other
+        surfaces" for the remaining scenes of points; otherwise the family."""
         if self.kind.split(", ")[-1] in CALIBRATING.get(self.family, ()):
             return "calibration"
         return "other surfaces" if self.family == "points" else self.family
@@ -114,11 +121,13 @@ class TrustCase:
 
 @dataclass(frozen=True)
 class Known:
-    """A scene's echoes, how it is imaged, and how far depths are from its true surface.
-    axis: x and y of the image (None: every setting is the method's default). first_depth_m: where
-    FSK methods begin. middle_m: middle of the imaged volumes. off_m: function of a depth map that
-    returns two arrays [ny, nx]: the distance along z, m, to the nearest true depth in the pixel's
-    resolution cell, and to the true depth at the pixel itself."""
+    """Echoes of a scene, how it is imaged, and the distance of depths from its true surface.
+
+    axis: x and y of the image (None: all settings are the method's defaults). first_depth_m:
+    initial depth of FSK methods. middle_m: middle of imaged volumes. off_m: function of a depth map
+    that returns two arrays [ny, nx] of distances along z in metres: to the nearest true depth
+    within the pixel's resolution cell, and to the true depth at the pixel itself.
+    """
 
     capture: RadarCapture
     axis: dict[str, float] | None
@@ -127,7 +136,8 @@ class Known:
     off_m: Off
 
     def values(self, method: str) -> dict[str, Any]:
-        """Return the settings with which a method images the scene; empty for its defaults."""
+        """Return the settings with which a method (its id) images the scene; empty for the method's
+        defaults."""
         if self.axis is None:
             return {}
         tolerance = None if self.axis is AXIS else 1e-3
@@ -144,8 +154,8 @@ class Known:
 
 
 def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[TrustCase]:
-    """List the scenes: so many of points, of hands and of assorted ones, then the captures, which
-    are folders with echoes and a true surface."""
+    """List the scenes of the study. points, hands, assorted: number of scenes of each of these
+    families. captures: folders with echoes and a true surface, one scene each."""
     drawn = (
         ("points", points, [", ".join(kind) for kind in product(TROUBLES, KINDS)]),
         ("hands", hands, list(POSES)),
@@ -156,9 +166,11 @@ def cases(points: int, hands: int, assorted: int, captures: list[Path]) -> list[
 
 
 def known(case: TrustCase, seed: int, work: Path) -> Known:
-    """Simulate a case's scene, or open its capture; return echoes and true surface.
-    seed: of the whole study. work: folder where assorted scenes keep their meshes. Raises
-    HandbenchError for a capture without a true surface."""
+    """Simulate the scene of a case, or open its capture. Returns its echoes with the true surface.
+
+    seed: of the whole study. work: folder for the meshes of assorted scenes. Raises HandbenchError
+    for a capture without a true surface.
+    """
     rng = np.random.default_rng([seed, case.number, len(case.family)])
     if case.family == "points":
         return _points(case.kind, rng)
@@ -195,9 +207,12 @@ def _points(trouble_kind: str, rng: np.random.Generator) -> Known:
 def recorded(
     surface: Surface, middle_m: float, trouble: str, rng: np.random.Generator
 ) -> tuple[RadarCapture, np.ndarray]:
-    """Simulate the echoes of random points on a surface, with noise and one trouble: the capture,
-    and the places [n, 3] of clutter, metres.
-    middle_m: distance of the surface along z. trouble: one of TROUBLES."""
+    """Simulate the echoes of random points on a surface, with noise and one difficulty. Returns the
+    capture, and the positions [n, 3] of clutter, metres.
+
+    surface: its z as a function of x and y, relative to middle_m. trouble: the difficulty, "none",
+    "glint", "clutter", "dead" (antennas) or "clipped" (samples).
+    """
     xy = rng.uniform(-HALF_M, HALF_M, (POINTS, 2))
     points_m = np.column_stack([xy, middle_m + surface(*xy.T)])
     weight = rng.standard_normal(POINTS)
@@ -220,8 +235,9 @@ def recorded(
 
 
 def _hand(letter: str, rng: np.random.Generator) -> Scene:
-    """Draw the scene of a hand of a random person before the whole array, in the pose of a letter.
-    A part of the array would have grating lobes, copies of glints elsewhere in the image."""
+    """Draw the scene of a random person's hand in front of the whole array, in the pose of a
+    letter. A part of the array would have grating lobes, which copy strong reflections to other
+    places in the image."""
     distance_m, person = float(rng.uniform(0.25, 0.4)), int(rng.integers(MOST_PEOPLE))
     target = {"kind": "hand", "pose": letter, "material": SKIN, "edge_m": 3e-3, "person": person}
     target |= {"distance_m": distance_m, "rotation_deg": rng.uniform(-20, 20, 3).tolist()}
@@ -249,9 +265,13 @@ def _built(scene: Scene, rng: np.random.Generator) -> Known:
 
 
 def off_mesh(surface: TriangleMesh) -> Off:
-    """Return the function `Known.off_m` for a mesh in the radar frame.
-    Beside the surface, up to BESIDE_M away, the depth of its nearest part counts as the true one;
-    further away the distance is infinite."""
+    """Return a function of a depth map that computes the distances along z to the true surface,
+    given as a mesh in the radar frame.
+
+    The function returns two arrays [ny, nx] in metres: to the nearest true depth within the pixel's
+    resolution cell, and to the true depth at the pixel. Up to 5 mm (BESIDE_M) beside the surface,
+    the depth of its nearest part counts as the true one; farther away, distances are infinite.
+    """
 
     def off_m(depth: DepthMap) -> tuple[np.ndarray, np.ndarray]:
         step_m = float(depth.x_m[1] - depth.x_m[0]) / FINE

@@ -1,1 +1,1 @@
-"""Execution on the processor."""
+"""Imaging on the processor's cores, by compiled code."""

@@ -1,5 +1,8 @@
-"""Adjoint pass of the tree: scatterers → samples. The exact adjoint of `radar.imaging.cpu.forward`:
-conjugate phases, transposed weights, reverse order."""
+"""Fast simulation of point scatterers by the tree of boxes: scatterers → samples.
+
+This is the exact adjoint of imaging by the same tree (`radar.imaging.cpu.forward`): conjugate
+phases, transposed weights, and the steps in reverse order.
+"""
 
 from typing import NamedTuple
 
@@ -20,15 +23,16 @@ from handbench.support.compiled import FAST, njit
 
 
 class Sight(NamedTuple):
-    """How much of each antenna's wave reaches each point past obstacles, as a complex share that is
-    smooth over points, antennas and frequency, stored as a table.
+    """The complex factor by which obstacles change the wave between each antenna and each point: 1
+    in full sight, 0 in full shadow, and in between, near shadow edges, the result of diffraction.
 
+    The factor is smooth over points, antennas and frequency, so it is tabulated at few of each.
     corner [3, n]: the three surface samples around each point (−1: the point is in full sight of
-    all antennas), whose table entries are mixed with the barycentric shares `share` [3, n]. table_a
-    [surface samples, 3, nodes], complex64: coefficients of 1, u and u², u = (f/c − middle) / half,
-    at some antennas (nodes) of the first leg; spread_a [a, nodes] interpolates them to all its
-    antennas. table_b, spread_b: the same for the second leg. detour_m: longest extra path of
-    diffracted waves; beside: sine of the largest angle between them and the straight ray.
+    all antennas), whose table entries are interpolated with barycentric weights `share` [3, n].
+    table_a [surface samples, 3, nodes], complex64: coefficients of 1, u and u², u = (f/c − middle)
+    / half, at some transmitters (nodes); spread_a [a, nodes] interpolates them to all transmitters.
+    table_b, spread_b: the same arrays for the receivers. detour_m: longest extra path of diffracted
+    waves; beside: sine of the largest angle between them and the straight ray.
     """
 
     corner: np.ndarray
@@ -48,14 +52,14 @@ class Sight(NamedTuple):
         return self.corner[0] >= 0
 
     def where(self, chosen: np.ndarray) -> "Sight":
-        """Return the sight of some of the points, chosen by mask or index."""
+        """Return the factors of some of the points only, chosen by mask or index."""
         return self._replace(
             corner=self.corner[:, chosen].copy(), share=self.share[:, chosen].copy()
         )
 
     def weights(self, leg: int, turns_per_m: float) -> np.ndarray:
-        """Compute the complex share of the wave between each antenna of a leg (0: first, 1: second)
-        and each point, at turns_per_m = f/c: [a, n], 1 for points in full sight."""
+        """Compute the complex factor of the wave between each antenna (leg 0: transmitters, 1:
+        receivers) and each point, at turns_per_m = f/c: [a, n], 1 for points in full sight."""
         table, spread = (self.table_a, self.spread_a) if leg == 0 else (self.table_b, self.spread_b)
         u = (turns_per_m - self.middle) / self.half
         nodes = table.transpose(0, 2, 1) @ np.array([1, u, u * u])
@@ -81,14 +85,14 @@ FULL_SIGHT = Sight(
 
 
 class PackedScatterers(NamedTuple):
-    """Point scatterers sorted by the leaves (smallest boxes) of a plan, as arrays for compiled
-    code.
+    """Point scatterers as arrays for compiled code, sorted by the leaves (smallest boxes) of a
+    plan.
 
     point_m [3, n]; weight [n] complex64; delay_m [n]: extra one-way path; normal [3, n] of facets,
     or [3, 0]; spreading: whether echoes have gains (1/R, obliquity, pattern); pattern: exponent q
-    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: which antennas of each leg see which
-    point, or [0, 0] if all do; such masks need a plan that keeps all antennas. sight: partial
-    shadows.
+    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: 1 where a transmitter or a receiver sees a
+    point and 0 where not, or [0, 0] if all do; these masks need a plan that keeps all antennas.
+    sight: the factors of waves that obstacles partly block.
     """
 
     point_m: np.ndarray
@@ -106,9 +110,12 @@ class PackedScatterers(NamedTuple):
 def scatter(  # type: ignore[no-untyped-def]
     source, turns_per_m, leaves, passes, reference_m, starts, shape
 ):
-    """Compute the samples [k, 2, a, b] (shape; 2: real and imaginary part) of a cell from the
-    scatterers in it: the adjoint of `gather`. Scatterers starts[i]:starts[i + 1] of `source` lie in
-    the cell's leaf i."""
+    """Compute the echo samples of a cell (a box of the plan) from the scatterers in it: float32 [k,
+    2, a, b], 2 for real and imaginary part. It is the adjoint of `forward.gather`.
+
+    source: `PackedScatterers`, of which starts[i]:starts[i + 1] are in the cell's leaf i;
+    turns_per_m: f/c of the cell's k tones; shape: that of the result.
+    """
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
@@ -124,17 +131,20 @@ def scatter(  # type: ignore[no-untyped-def]
 def to_parent(  # type: ignore[no-untyped-def]
     samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
 ):
-    """Convert the samples [k', 2, a', b'] of a box to what they contribute to its parent's samples
-    [k, 2, a, b]: the adjoint of `to_child`, with the same arguments."""
+    """Compute what the samples [k', 2, a', b'] of a box contribute to the samples [k, 2, a, b] of
+    its parent box: the adjoint of `forward.to_child`, with the same arguments."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 
 @njit(**FAST)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
-    """Compute the samples [k, 2, a, b] (2: real and imaginary part) of a leaf, a smallest box, from
-    the scatterers in it: the adjoint of `evaluate`. source: these scatterers (`PackedScatterers`);
-    place: the leaf's centre and antennas, from `leaf_of`."""
+    """Compute the echo samples of a leaf (a smallest box) from the scatterers in it: float32 [k, 2,
+    a, b], 2 for real and imaginary part. It is the adjoint of `forward.evaluate`.
+
+    source: these scatterers (`PackedScatterers`); place: the leaf's centre and antennas, from
+    `leaf_of`.
+    """
     centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
@@ -195,10 +205,12 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
 
 @njit(**FAST)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
-    """Compute the gain between each antenna and each of some points [3, p]: float32 [a, p], 1/R,
-    times √(n·û) for scatterers with normals, times the antennas' pattern cosᵠθ; 1 without
-    spreading; 0 where an antenna does not see a point. The points are the source's from index
-    `start` on."""
+    """Compute the gain between each antenna and each of p points_m [3, p], which are the source's
+    from index `start` on: float32 [a, p].
+
+    The gain is 1/R, times √(n·û) for scatterers with normals, times the antennas' pattern cosᵠθ. If
+    source.spreading is False, it is 1. It is 0 where an antenna does not see a point (mask `seen`).
+    """
     n = points_m.shape[1]
     gain = np.ones((len(position_m), n), np.float32)
     if source.spreading:
@@ -227,9 +239,12 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
 
 @njit(**FAST)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
-    """Interpolate the coefficients of 1, u and u² of the partial-sight weights (see `Sight`) to n
-    points from index `start` on and to the leg's a antennas: float32 [3, 2a, n], real parts above
-    imaginary parts."""
+    """Interpolate the tabulated factors of partly blocked waves (see `Sight`) to n points, from
+    index `start` on, and to all transmitters or all receivers, a in number: float32 [3, 2a, n].
+
+    The first axis has the coefficients of 1, u and u² of the scaled frequency u; the second has the
+    real parts above the imaginary parts.
+    """
     nodes, n_a = table.shape[2], len(spread)
     at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
     for power in range(3):
@@ -252,8 +267,9 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
 
 @njit(**FAST)
 def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
-    """Multiply the waves `steered` [2a, n], in place, by partial-sight weights: polynomials in the
-    scaled frequency u with coefficients factors [3, 2a, n]."""
+    """Multiply the waves `steered` [2a, n] (real parts above imaginary parts), in place, by the
+    factors of partly blocked waves: polynomials in the scaled frequency u with coefficients factors
+    [3, 2a, n]."""
     n_a = len(steered) // 2
     for i in range(n_a):
         for p in range(steered.shape[1]):
@@ -265,7 +281,7 @@ def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
-    """Return the scatterers start:stop of packed scatterers; fields that are empty stay empty."""
+    """Return the packed scatterers start:stop; optional arrays that are empty stay empty."""
     here = slice(start, stop)
     normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]

@@ -1,4 +1,4 @@
-"""Backprojection: samples → complex image at any points.
+"""Exact backprojection on the processor: samples → complex image at any points.
 
     O(p) = Σ_f Σ_t Σ_r S_f[t, r] exp(+j2πf(|p − t| + |p − r|)/c)
 
@@ -38,10 +38,11 @@ def exact_images(
     apart: bool,
 ) -> np.ndarray:
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna in float32:
-    complex64 [f, n], one image per tone (apart), or [1, n], their coherent sum.
+    complex64 [f, n], one image per tone, with `apart`; else [1, n], their coherent sum.
 
     samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan or a BistaticScan;
-    frequencies_hz: [f]. Raises HandbenchError for samples that do not fit these, or are not finite.
+    frequencies_hz: [f]. Raises HandbenchError for samples that are not finite, or whose shape does
+    not fit the tones and the aperture.
     """
     check_samples(samples, frequencies_hz, aperture)
     images = np.zeros((len(samples) if apart else 1, len(points_m)), np.complex64)
@@ -68,11 +69,12 @@ def exact_sums(
     points_m: np.ndarray,
     apart: bool = False,
 ) -> np.ndarray:
-    """Image a few points_m [n, 3] in float64: complex128 [f, n] if apart, else [1, n], accurate to
-    1e-11 of Σ|samples| within a metre. The samples are not checked (see `check_samples`).
+    """Image a few points_m [n, 3] by the sum over every tone and antenna in float64: complex128 [f,
+    n], one image per tone, with `apart`; else [1, n], their coherent sum. Within a metre, the error
+    is at most 1e-11 of Σ|samples|. The samples are not checked (see `check_samples`).
 
-    Evenly spaced tones are fast: each tone's steering phases are those of the tone before, times
-    those of the spacing.
+    Evenly spaced tones are faster: the steering phases of a tone are those of the tone before it
+    times those of the spacing.
     """
     tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
     lengths = [
@@ -111,7 +113,7 @@ def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
 
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
-    """Compute the length of every channel's path from the transmitter over a point [3] to the
+    """Compute the length of every channel's path, from the transmitter to a point [3] and on to the
     receiver, metres: [t, r], or [n] for a scan."""
     to, back = array_legs(aperture, (leg.lengths_m(point_m) for leg in aperture.legs))
     return (to[:, None] + back).reshape(aperture.channels)
@@ -120,8 +122,9 @@ def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
 def _block_images(
     stacked: list[np.ndarray], frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> Iterator[np.ndarray]:
-    """Yield every tone's image, complex64 [n], at points_m [n, 3], few enough that the factors of
-    the matrix product stay in the cache. stacked: each tone's samples, from `_stack`."""
+    """Yield the image of every tone in turn, complex64 [n], at points_m [n, 3]. The points are few
+    enough that the factors of the matrix product stay in the cache. stacked: each tone's samples as
+    a real matrix, from `_stack`."""
     points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
         # the second is not looked at where the first is met twice
@@ -178,9 +181,11 @@ def _scan_image(  # type: ignore[no-untyped-def]
 
 
 def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
-    """Return the largest magnitude of a real or imaginary part of samples. Raises HandbenchError
-    for invalid tones, and for samples that are not finite or do not fit the tones and the
-    aperture."""
+    """Return the largest magnitude of a real or imaginary part of the samples.
+
+    Raises HandbenchError for invalid tones, and for samples that are not finite or do not fit the
+    tones and the aperture.
+    """
     tones("frequencies_hz", frequencies_hz)
     expected = (len(frequencies_hz), *aperture.channels)
     if samples.shape != expected:

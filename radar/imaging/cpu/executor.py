@@ -1,6 +1,9 @@
-"""Execution on the processor: cells in parallel on all cores, leaves by compiled code; volumes by
-matrix products along x, y and z that upsample the coarse nodes. A projection along z never stores
-the volume."""
+"""Imaging on the processor, by plans of the geometry.
+
+The cells (boxes of points) of a plan are computed in parallel on all cores, and the leaves within a
+cell by compiled code. Volumes are interpolated from the images at coarse nodes by matrix products
+along x, y and z. A projection along z never stores the volume.
+"""
 
 from collections.abc import Callable
 from itertools import product
@@ -32,17 +35,20 @@ ROWS = 16  # pixels along y of one piece of work
 
 class CpuExecutor:
     """Computes images and echoes of points on the processor, by a plan of the geometry
-    (`TreePlan`). The plan's boxes (cells and, within them, leaves) are worked out when points first
-    fall into them, and then kept."""
+    (`TreePlan`).
+
+    The plan's boxes (cells and, within them, leaves) are computed when points are in them for the
+    first time, and then kept.
+    """
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
         self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, points], one image
-        per tone, if the plan keeps tones apart, else [1, points], their sum. The images are in the
-        order before sorting."""
+        """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the
+        plan keeps tones apart, else [1, points], the sum of all tones. The images are in the order
+        before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
         plan, order = self.plan, where.order
         with one_blas_thread():
             root = _down(planes(samples), plan.root_node, plan.top_node)
@@ -68,8 +74,8 @@ class CpuExecutor:
         return unsorted
 
     def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
-        """Compute the samples of scatterers at the sorted points: complex64 [f, t, r], or [f, n, 1]
-        for a scan. This is the adjoint of `image` with its tones summed."""
+        """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t,
+        r], or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
         plan, touched = self.plan, self.plan.touched(where)
         parts: dict[int, np.ndarray] = {}
 
@@ -91,8 +97,9 @@ class CpuExecutor:
         return complex_samples(samples)
 
     def _cell(self, cell: int, where: SortedPoints) -> tuple[Node, Leaves, np.ndarray]:
-        """Return a cell's node, its packed leaves, and where each leaf's points start among all
-        sorted points [leaves + 1]. Leaves that hold points are planned if they are not yet."""
+        """Return the node of a cell, its packed leaves, and the index [leaves + 1] at which the
+        points of each leaf start among all sorted points. Leaves that contain points are computed
+        if they are not there yet."""
         count = self.plan.leaves_per_cell
         starts = where.starts[cell * count : (cell + 1) * count + 1]
         touched = set(np.flatnonzero(np.diff(starts)).tolist())
@@ -106,12 +113,12 @@ class CpuExecutor:
 
 
 class ToneSkeleton:
-    """The few tones frequencies_hz [k] from which all f tones follow within the box from low_m to
-    high_m [3], to a relative `tolerance` (128 → 11 for 20 mm at 1e-6). `compress` makes samples at
-    these tones, for exact images of a few points in the box.
+    """The few tones frequencies_hz [k] of which all f tones are linear combinations within the box
+    from low_m to high_m [3], to a relative `tolerance` (128 tones → 11 for 20 mm at 1e-6).
 
-    This is a node of `radar.imaging.tree` with the phase about the box's centre restored, so that
-    its samples are ordinary samples at fewer tones.
+    `compress` converts samples to these tones, so that exact images of points in the box are
+    cheaper. It is a node of `radar.imaging.tree` with the phase of the path to the box's centre put
+    back, so that its samples are ordinary samples at fewer tones.
     """
 
     def __init__(
@@ -129,8 +136,8 @@ class ToneSkeleton:
         self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
 
     def compress(self, samples: np.ndarray) -> np.ndarray:
-        """Convert samples [f, t, r] of all tones to samples [k, t, r] with the same image in the
-        box."""
+        """Convert samples [f, t, r] of all tones to samples [k, t, r] of the few tones, which have
+        the same image in the box."""
         return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
 
     def expand(self, samples: np.ndarray) -> np.ndarray:
@@ -148,15 +155,16 @@ class ToneSkeleton:
 
 
 class CpuUpsampler:
-    """Interpolates images on a plan's coarse nodes, complex [f or 1, nz, ny, nx], to all voxels of
-    its grid: as volumes, or as the strongest voxel along z of each pixel."""
+    """Interpolates images from the coarse nodes of a plan, complex [f or 1, nz, ny, nx], to all
+    voxels of its grid: as volumes, or only the strongest voxel along z of each pixel."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan = plan
 
     def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
-        """Interpolate the nodes' images [f or 1, nz, ny, nx] to all voxels: complex64 [f or 1, nz,
-        ny, nx], with the carrier (the fast phase that all tones share) or without."""
+        """Interpolate the images [f or 1, nz, ny, nx] at the nodes to all voxels: complex64 [f or
+        1, nz, ny, nx]. carrier: False leaves out the image's carrier, a fast phase that is the same
+        for all tones."""
         grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
         volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
 
@@ -172,8 +180,8 @@ class CpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """Find the strongest voxels along z of the volume interpolated from the nodes' images [1,
-        nz, ny, nx], without storing the volume."""
+        """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny,
+        nx] at the nodes give by interpolation, without storing the volume."""
         peaks = Peaks.empty(
             self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
         )
@@ -197,9 +205,9 @@ class CpuUpsampler:
         images: np.ndarray,
         keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
     ) -> None:
-        """Interpolate the envelopes (images without carrier) of all voxels from the nodes' images,
-        and pass them to keep(image, rows, re, im) in pieces re, im [nz, rows, nx]; image: its
-        index, rows: a slice along y."""
+        """Interpolate the images at the nodes to all voxels, without the images' carrier, and pass
+        the result on in pieces: keep(image, rows, re, im) with the index of the image, a slice
+        along y, and real and imaginary parts [nz, rows, nx]."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
         at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)

@@ -1,10 +1,12 @@
-"""Forward pass of the tree: samples → images of a cell's points.
+"""Fast imaging by the tree of boxes: samples → images of the points in a cell.
 
-Samples are float32 planes [tone, re/im, transmitter, receiver], because products of real matrices
-are faster here than complex ones. Each step from parent to child multiplies by phases and by the
-real skeleton weights. A leaf computes ΔR in float64 against a reference point near the aperture;
-the remainder differs little between antennas, so float32 is enough for its phase. The leaves of a
-cell are packed into arrays: one call images a whole cell.
+Samples are float32 arrays [tone, re/im, transmitter, receiver], because products of real matrices
+are faster here than complex ones. Each step from a box to a smaller box in it multiplies the
+samples by phases and by real weights, which combine tones and antennas. In a leaf, a smallest box,
+phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is computed
+in float64, less that of a reference point near the aperture; the remainder differs little between
+antennas, so float32 is enough for its phase. The leaves of a cell are packed into arrays, so that
+one call images a whole cell.
 """
 
 from typing import NamedTuple
@@ -23,13 +25,12 @@ VECTOR = 32
 
 
 class Leaves(NamedTuple):
-    """The leaves (smallest boxes) of a cell, packed into three arrays so that compiled code reads
-    them.
+    """The leaves (smallest boxes) of a cell, packed into three arrays for compiled code.
 
-    sizes [n, 8], a row per leaf: numbers of tones and of antennas of both legs; three flags,
-    whether weights of tones and of both legs are given; where the leaf begins in `single` and in
-    `double`. Leaves that are not planned have zeros. single, double: all leaves' float32 and
-    float64 arrays, concatenated.
+    sizes [n, 8], one row per leaf: its numbers of tones, transmitters and receivers; three flags,
+    whether weights of each of these are given; the index at which its data begin in `single` and in
+    `double`. Rows of leaves that are not computed are zero. single, double: the float32 and the
+    float64 arrays of all leaves, concatenated.
     """
 
     sizes: np.ndarray
@@ -38,20 +39,21 @@ class Leaves(NamedTuple):
 
 
 def planes(samples: np.ndarray) -> np.ndarray:
-    """Convert complex samples [k, t, r], or [k, n] of a scan, to float32 with the real and the
-    imaginary part as second axis: [k, 2, t, r] or [k, 2, n, 1]."""
+    """Convert complex samples to float32 with the real and the imaginary part as second axis: [k,
+    t, r] → [k, 2, t, r], or [k, n] of a scan → [k, 2, n, 1]."""
     apart = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
     return apart[..., None] if apart.ndim == 3 else apart
 
 
 def complex_samples(apart: np.ndarray) -> np.ndarray:
-    """Convert samples [k, 2, t, r], real and imaginary parts, to complex64 [k, t, r]."""
+    """Convert samples [k, 2, t, r], whose second axis has real and imaginary part, to complex64 [k,
+    t, r]."""
     return apart[:, 0] + np.complex64(1j) * apart[:, 1]
 
 
 def pack(leaves: dict[int, Node], count: int) -> Leaves:
-    """Pack the nodes of some leaves, by their number, into arrays for compiled code. count: number
-    of leaves of the cell, planned or not."""
+    """Pack the nodes of some leaves, given by their numbers in the cell, into arrays for compiled
+    code. count: number of all leaves of the cell; those not given have zeros in `sizes`."""
     single, double = [], []
     sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
     for number, leaf in leaves.items():
@@ -73,10 +75,11 @@ def pack(leaves: dict[int, Node], count: int) -> Leaves:
 def gather(  # type: ignore[no-untyped-def]
     samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count
 ):
-    """Image a cell's points from its samples [k, 2, a, b] (2: real and imaginary part): complex64
-    [count, n], with count = k one image per tone, with count = 1 their sum.
+    """Image n points of a cell (a box of the plan) from the cell's samples [k, 2, a, b], 2 for real
+    and imaginary part: complex64 [count, n].
 
-    points_m [3, …]: all points, sorted by leaf; starts[i]:starts[i + 1] lie in leaf i of the cell.
+    count: k for one image per tone, 1 for the sum of all tones. points_m [3, …]: all points, sorted
+    by leaf; starts[i]:starts[i + 1] are in leaf i of the cell.
     """
     images = np.empty((count, starts[-1] - starts[0]), np.complex64)
     for i in range(len(starts) - 1):
@@ -100,9 +103,12 @@ def gather(  # type: ignore[no-untyped-def]
 def to_child(  # type: ignore[no-untyped-def]
     samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
 ):
-    """Compute the samples of a box from those of its parent [k, 2, a, b]: phases of the paths
-    shift_a [a] and shift_b [b] (metres) move the centre, then real weights combine tones and
-    antennas. Empty weights leave their axis unchanged."""
+    """Compute the samples of a box from the samples [k, 2, a, b] of its parent box, for k tones,
+    real and imaginary part, a transmitters and b receivers.
+
+    Phases of the paths shift_a [a] and shift_b [b] (metres) change the reference point to the box's
+    centre; then real weights combine tones and antennas. Empty weights leave their axis unchanged.
+    """
     return apply(
         weights_a,
         weights_b,
@@ -112,8 +118,9 @@ def to_child(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
-    """Multiply samples [k, 2, a, b] by exp(±j2πf(shift_a + shift_b)/c): shift_a [a], shift_b [b] in
-    metres, turns_per_m [k] = f/c, sign 1 or −1."""
+    """Multiply samples [k, 2, a, b] (2: real and imaginary part) by the phase factors
+    exp(±j2πf(shift_a + shift_b)/c). shift_a [a], shift_b [b]: path lengths in metres; turns_per_m
+    [k]: f/c; sign: 1 or −1."""
     out = np.empty_like(samples)
     tones, _, n_a, n_b = samples.shape
     b_re, b_im = np.empty(n_b, np.float32), np.empty(n_b, np.float32)
@@ -139,8 +146,8 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
-    """Combine antennas: apply real weights [n, a] and [m, b] to the antenna axes of samples [k, 2,
-    a, b], which gives [k, 2, n, m]. Empty weights leave their axis unchanged."""
+    """Combine the antennas of samples [k, 2, a, b] with real weights [n, a] of transmitters and [m,
+    b] of receivers: [k, 2, n, m]. Empty weights leave their axis unchanged."""
     tones, _, n_a, n_b = samples.shape
     if weights_b.size != 0:
         samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
@@ -157,11 +164,12 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """Unpack leaf i of a cell; shape: of the cell's samples [k, 2, a, b].
+    """Unpack leaf i of a cell from the packed `Leaves`. shape: shape [k, 2, a, b] of the cell's
+    samples.
 
-    Returns ((weights of tones, of both legs' antennas), (path shifts of both legs), turns per metre
-    of its tones, (centre; length, position and number of the antennas of the first leg, then of the
-    second)).
+    Returns ((weights of its tones, transmitters, receivers), (path shifts of transmitters, of
+    receivers), f/c of its tones, place). place: the leaf's centre, then for the transmitters and
+    for the receivers the path length to the centre, position and number of each.
     """
     k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
     tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
@@ -198,8 +206,9 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
 def evaluate(  # type: ignore[no-untyped-def]
     samples, points_m, turns_per_m, place, passes, reference_m, images
 ):
-    """Image the points_m [3, n] of a leaf from its samples [k, 2, a, b], and write them to images,
-    complex64: one row per tone [k, n], or the sum over all tones [1, n]."""
+    """Image the points_m [3, n] of a leaf (a smallest box) from the leaf's samples [k, 2, a, b],
+    and write the result to `images`, complex64: [k, n] for one image per tone, or [1, n] for the
+    sum of all tones."""
     tones, _, n_a, n_b = samples.shape
     centre_m, length_a, position_a, _, length_b, position_b, _ = place
     count = points_m.shape[1]
@@ -241,9 +250,12 @@ def evaluate(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Compute Σ_a Σ_b a · samples · b at every point: [2, p], real and imaginary part, from waves a
-    [2a, p] and b [2b, p] (real parts above imaginary parts) and samples [2, a, b]. stacked [2a, 2b]
-    and u [2a, p] are scratch arrays."""
+    """Compute the double sum Σ_i Σ_j a_i S_ij b_j over transmitters and receivers at every point:
+    float32 [2, p], real and imaginary part.
+
+    a [2a, p], b [2b, p]: waves of transmitters and of receivers, real parts above imaginary parts;
+    samples [2, a, b]: S; stacked [2a, 2b] and u [2a, p]: scratch arrays.
+    """
     n_a, n_b = samples.shape[1:]
     stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
     stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
@@ -260,9 +272,12 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
 def differences(  # type: ignore[no-untyped-def]
     points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m
 ):
-    """Compute path differences to points, small enough for float32: out[a, p] = ΔR_a(p) −
-    ΔR_reference(p), metres, where ΔR is the path from an antenna (or the reference point) to p,
-    less that to the box's centre. ΔR_reference(p) is added to common_m [p]."""
+    """Compute path differences that are small enough for float32: out[a, p] = ΔR_a(p) −
+    ΔR_reference(p), metres.
+
+    ΔR is the path from an antenna, or from the reference point, to point p, less the path to the
+    box's centre. ΔR_reference(p) is added to common_m [p].
+    """
     n = points_m.shape[1]
     cx, cy, cz = (
         centre_m[0] - reference_m[0],

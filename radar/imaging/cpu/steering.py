@@ -1,10 +1,10 @@
-"""Steering phases: the only place that computes exp(±j 2π f R / c), apart from the tests'
-reference; and sampled gains of legs for skeletons.
+"""Steering phases exp(±j2πfR/c), which are computed only here (and, independently, in tests), and
+the gains of antennas at points.
 
-Convention: time e^{+jωt}; an echo over the path R carries exp(−j2πfR/c), and backprojection
-multiplies by the conjugate. Phases are counted in turns (f R / c) and reduced in float64 before the
-float32 sine, which keeps them good to 1e-7 rad at any range; forming them in float32 would cost
-3e-4 rad at 2 m.
+Convention: time e^{+jωt}; an echo over the path R has the phase exp(−j2πfR/c), and backprojection
+multiplies by the conjugate. Phases are counted in turns (f R / c) and reduced to one turn in
+float64 before the float32 sine, which keeps them good to 1e-7 rad at any range; computed in
+float32, they would have errors of 3e-4 rad at 2 m.
 """
 
 import numpy as np
@@ -22,7 +22,10 @@ def _minimax(
     function: np.ufunc, degree: int, parity: int, most: float = 1 / 4
 ) -> tuple[np.float32, ...]:
     """Fit a polynomial in t² to function(2πt) for |t| ≤ most, by Chebyshev interpolation: its
-    coefficients, constant first. parity=1, for sines: to function(2πt) / t."""
+    float32 coefficients, constant first.
+
+    parity: 0 for the cosine; 1 for the sine, of which function(2πt) / t is fitted.
+    """
     u = (np.cos(np.linspace(0, np.pi, 2001)) + 1) / 2 * most**2
     t = np.sqrt(np.maximum(u, 1e-12))
     values = function(2 * np.pi * t) / t**parity
@@ -89,7 +92,7 @@ def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
 @njit(**FAST)
 def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
     """Compute the derivative d|p − a|/dz at points p [n, 3], averaged over antennas a [m, 3] with
-    weights [m]: [n]."""
+    weights [m]: [n], without unit."""
     out = np.zeros(len(points_m))
     for p in range(len(points_m)):
         for a in range(len(antennas_m)):
@@ -100,8 +103,8 @@ def mean_rise(antennas_m, weight, points_m):  # type: ignore[no-untyped-def]
 
 
 def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> np.ndarray:
-    """Compute exp(sign · j2πfR/c) in float64, for whole paths R = path_m (there and back):
-    complex128. path_m and frequency_hz broadcast."""
+    """Compute exp(sign · j2πfR/c) in float64: complex128. R = path_m is the whole path there and
+    back, in metres; path_m and frequency_hz broadcast."""
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
@@ -109,8 +112,9 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
 def steered_differences(  # type: ignore[no-untyped-def]
     antennas_m, turns_per_m, points_m, centre_m
 ):
-    """Compute exp(j2πf(|p − a| − |c − a|)/c₀) for points p [n, 3] with f/c₀ [n] (turns_per_m) each,
-    antennas a [m, 3] and the centre c [3]: float32 [2n, m], real parts above imaginary parts."""
+    """Compute the phase factors exp(j2πf(|p − a| − |c − a|)/c₀) for points p [n, 3], antennas a [m,
+    3] and the centre c [3]: float32 [2n, m], real parts above imaginary parts. turns_per_m [n]:
+    f/c₀ of the tone of each point."""
     n_points, n_antennas = len(points_m), len(antennas_m)
     out = np.empty((2 * n_points, n_antennas), np.float32)
     at_centre = np.empty(n_antennas)
@@ -143,9 +147,12 @@ def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ig
 def take_carrier_out(  # type: ignore[no-untyped-def]
     image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes
 ):
-    """Remove an image's carrier, its fast phase: write image [ny, nx] times the conjugate carrier
-    to planes [2, ny, nx], float32 (real part, imaginary part). The image lies at x_m × y_m and the
-    one depth z_m; the arguments from turns_per_m to ramp are `GridPlan.carrier`."""
+    """Remove the carrier, a fast phase that is the same for all tones, from the image [ny, nx] at
+    x_m × y_m and the one depth z_m.
+
+    The image times the conjugate carrier is written to `planes` [2, ny, nx], float32 (real part,
+    imaginary part). The arguments from turns_per_m to ramp are those of `GridPlan.carrier`.
+    """
     for j in range(len(y_m)):
         for i in range(len(x_m)):
             cosine, sine = cis_turns(
@@ -160,8 +167,8 @@ def take_carrier_out(  # type: ignore[no-untyped-def]
 def restore_carrier(  # type: ignore[no-untyped-def]
     re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp
 ):
-    """Multiply a volume re + j·im [nz, ny, nx] by its carrier, the fast phase that interpolation
-    leaves out: complex64 [nz, ny, nx]. The arguments from turns_per_m to ramp are
+    """Multiply a volume re + j·im [nz, ny, nx] by its carrier, a fast phase that is removed before
+    interpolation: complex64 [nz, ny, nx]. The arguments from turns_per_m to ramp are those of
     `GridPlan.carrier`."""
     nx = len(x_m)
     volume = np.empty(re.shape, np.complex64)
@@ -184,18 +191,18 @@ def restore_carrier(  # type: ignore[no-untyped-def]
 
 def least_cosine(pattern: float) -> float:
     """Return the smallest cosine of the angle from the z axis at which an antenna's pattern cosᵠθ,
-    q = `pattern`, varies so slowly across the array that it can be interpolated: where it has not
-    fallen below FADED, and not at grazing angles."""
+    q = `pattern`, is smooth enough across the array to be interpolated: there the pattern is at
+    least FADED and the cosine at least GRAZING. −1 without pattern (q = 0)."""
     return max(GRAZING, FADED ** (1 / pattern)) if pattern != 0 else -1.0
 
 
 def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
-    """Sample the gains with which echoes of points [p, 3] reach antennas [a, 3]: [p, a], each row
-    with unit mean square.
+    """Compute the gains between points [p, 3] and antennas [a, 3], from which few antennas are
+    chosen that represent all: [p, a], each row with unit mean square.
 
-    A gain is 1/R; times the pattern cosᵠθ, q = `pattern`, where it is smooth; and for up to half of
-    the points times the obliquity √(n·û) of a facet, with normals n spread over the directions that
-    every antenna sees.
+    A gain is 1/R, times the pattern cosᵠθ, q = `pattern`, where that is smooth. For up to half of
+    the points it is also multiplied by the obliquity √(n·û) of a facet; the normals n are spread
+    over the directions that every antenna sees.
     """
     return _probe_gains(
         points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern)
@@ -203,8 +210,8 @@ def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) ->
 
 
 def _normals(count: int) -> np.ndarray:
-    """Return unit vectors [count, 3] spread evenly over the sphere by an additive sequence;
-    deterministic."""
+    """Return unit vectors [count, 3] spread evenly over the sphere; always the same ones for the
+    same count."""
     plastic = 1.324717957244746  # g³ = g + 1: the ratio for two dimensions
     u = (0.5 + np.arange(count)[:, None] / plastic ** np.arange(1, 3)) % 1.0
     z, azimuth = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1]

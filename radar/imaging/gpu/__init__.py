@@ -1,1 +1,1 @@
-"""Execution on a GPU, as array code."""
+"""Imaging on a GPU, as array code."""

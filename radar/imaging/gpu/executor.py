@@ -1,13 +1,14 @@
-"""Execution on a device as array code: all boxes of a tree level at once, and volumes from coarse
-nodes.
+"""Imaging on a device as array code: all boxes of one level of the tree at once, and volumes
+interpolated from coarse nodes.
 
-Points are cut into pieces within one leaf, and pieces of similar size are padded to batches. A
-batch is one product per tone, as in `radar.imaging.cpu.forward`: ΔR in float64 against a reference
-point, the remainder in float32. The nodes' images pass through the processor's memory: they are
-thirty times fewer than the voxels.
+The points of a leaf (a smallest box) are divided into pieces, and pieces of similar size are filled
+up to equal size and computed together as a batch, with one product per tone. As in
+`radar.imaging.cpu.forward`, path differences to a reference point are computed in float64 and the
+remainders in float32. The images at the nodes go through the processor's memory, since there are
+thirty times fewer nodes than voxels.
 
-An exact image is one complex product per tone and block; a planar scan is treated as an array whose
-second leg is one antenna that is passed zero times.
+An exact image is one complex product per tone and block of points. A planar scan is treated as an
+array with a single receiver that the path does not pass.
 """
 
 from collections.abc import Iterator
@@ -39,9 +40,9 @@ class Batch(NamedTuple):
     """Points that are imaged together on the device: n pieces of up to p points, each piece within
     one leaf (smallest box of the plan).
 
-    sample [n]: row of the piece's leaf among the computed samples; leaf [n]: its row in the `Level`
-    of all leaves; points_m [3, n, p]; target [n, p]: column of each point's image; points that only
-    fill up a piece go to one extra column.
+    sample [n]: row of each piece's leaf among the computed samples; leaf [n]: row of the same leaf
+    in the `Level` of all leaves; points_m [3, n, p]; target [n, p]: column of the images to which
+    each point's value is written. Points that only fill up a piece are written to one extra column.
     """
 
     sample: Array
@@ -52,9 +53,11 @@ class Batch(NamedTuple):
 
 @dataclass(frozen=True)
 class DevicePoints:
-    """Points copied to the device, grouped by leaf (smallest box of the plan): their count, the
-    `Level`s of the cells and leaves planned so far, the rows of the points' leaves, and the batches
-    to image."""
+    """Points copied to the device, grouped by leaf (smallest box of the plan).
+
+    count: number of points; cells, leaves: `Level`s of the cells and leaves computed so far; rows:
+    rows of the leaves that contain points; batches: the points to image.
+    """
 
     count: int
     cells: Level
@@ -64,9 +67,11 @@ class DevicePoints:
 
 
 class GpuExecutor:
-    """Computes images of points on the current device, by a plan of the geometry (`TreePlan`). The
-    plan's cells are worked out when points first fall into them, and stay in the device's
-    memory."""
+    """Computes images of points on the current device, by a plan of the geometry (`TreePlan`).
+
+    The plan's boxes are computed when points are in them for the first time, and stay in the
+    device's memory.
+    """
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
@@ -78,8 +83,8 @@ class GpuExecutor:
         self._lock = Lock()
 
     def place(self, where: SortedPoints) -> DevicePoints:
-        """Copy sorted points to the device and group them into batches. The points of the last call
-        stay there and are returned again."""
+        """Copy points that the plan has sorted to the device, and group them into batches. If they
+        are the points of the last call, its result is returned again."""
         last, placed = self._last
         if placed is None or last is not where:
             per_cell = self.plan.leaves_per_cell
@@ -97,9 +102,9 @@ class GpuExecutor:
         return placed
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Image sorted points from samples [f, t, r] or [f, n]: complex64 [f, points], one image
-        per tone, if the plan keeps tones apart, else [1, points], their sum. The images are in the
-        order before sorting."""
+        """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the
+        plan keeps tones apart, else [1, points], the sum of all tones. The images are in the order
+        before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
         xp, apart, placed = self._xp, self.plan.family.apart, self.place(where)
         whole = xp.asarray(
             samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
@@ -114,8 +119,8 @@ class GpuExecutor:
         return to_host(images[:, :-1])
 
     def _evaluate(self, leaves: Level, samples: Array, batch: Batch) -> Array:
-        """Image a batch's points at every tone from the leaves' samples [leaves, k, a, b]:
-        complex64 [n, k, p], on the device."""
+        """Image the points of a batch at every tone: complex64 [n, k, p], on the device, for n
+        pieces of p points. samples: those of the leaves, [leaves, k, a, b]."""
         xp, plan = self._xp, self.plan
         turns = leaves.turns_per_m[batch.leaf][:, :, None]
         waves: list[Array] = []
@@ -139,9 +144,9 @@ class GpuExecutor:
         return received.sum(axis=2) * cis(xp, turns * common_m[:, None])
 
     def _require(self, cells: np.ndarray) -> tuple[Level, Level, np.ndarray]:
-        """Plan the cells with these numbers, if they are not planned yet. Returns the `Level`s of
-        all planned cells and of their leaves, and every cell's row in the first [cells of the plan]
-        (−1: not planned)."""
+        """Compute the plan's cells with these numbers, and their leaves, unless they are there
+        already: (`Level` of all cells computed so far, `Level` of their leaves, row of every cell
+        of the plan in the first `Level`, −1 if it is not computed)."""
         with self._lock:
             new = [int(cell) for cell in cells if int(cell) not in self._planned]
             if new or self._levels is None:
@@ -165,8 +170,9 @@ class GpuExecutor:
 
 
 class GpuUpsampler:
-    """Interpolates images on a plan's coarse nodes, complex [f or 1, nz, ny, nx], to all voxels of
-    its grid on the current device: as volumes, or as the strongest voxel along z of each pixel."""
+    """Interpolates images from the coarse nodes of a plan, complex [f or 1, nz, ny, nx], to all
+    voxels of its grid on the current device: as volumes, or only the strongest voxel along z of
+    each pixel."""
 
     def __init__(self, plan: GridPlan) -> None:
         self.plan, self._xp = plan, array_module()
@@ -178,8 +184,9 @@ class GpuUpsampler:
         ]
 
     def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
-        """Interpolate the nodes' images [f or 1, nz, ny, nx] to all voxels: complex64 [f or 1, nz,
-        ny, nx], with the carrier (the fast phase that all tones share) or without."""
+        """Interpolate the images [f or 1, nz, ny, nx] at the nodes to all voxels: complex64 [f or
+        1, nz, ny, nx]. carrier: False leaves out the image's carrier, a fast phase that is the same
+        for all tones."""
         grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
         volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
         for image, volume in zip(images, volumes, strict=True):
@@ -193,8 +200,8 @@ class GpuUpsampler:
         return volumes
 
     def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """Find the strongest voxels along z of the volume interpolated from the nodes' images [1,
-        nz, ny, nx], without storing the volume."""
+        """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny,
+        nx] at the nodes give by interpolation, without storing the volume."""
         xp, peaks = (
             self._xp,
             Peaks.empty(self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)),
@@ -213,8 +220,8 @@ class GpuUpsampler:
         return peaks
 
     def _upsampled(self, nodes: VoxelGrid, image: np.ndarray) -> Iterator[tuple[slice, Array]]:
-        """Yield the envelope (image without its carrier) of all voxels in pieces, interpolated from
-        the nodes' image [nz, ny, nx]: (slice of rows along y, float32 [2, nz, rows, nx], real and
+        """Interpolate the image [nz, ny, nx] at the nodes to all voxels, without its carrier, and
+        yield the result in pieces: (slice along y, float32 [2, nz, rows, nx] with real and
         imaginary part)."""
         xp = self._xp
         envelope = xp.asarray(image) * self.plan.carrier_at(nodes, xp).conj()
@@ -227,13 +234,14 @@ class GpuUpsampler:
             yield rows, voxels.reshape(2, voxels.shape[1], *block.shape[2:])
 
     def _windows(self, resampler: Resampler) -> list[tuple[slice, Array]]:
-        """Copy the interpolation weights of an axis to the device, per window: (slice of nodes,
-        weights [fine, nodes])."""
+        """Copy the weights with which an axis is interpolated to the device: for each window (piece
+        of the axis) the slice of nodes and the weights [fine, nodes]."""
         return [(of, self._xp.asarray(weights)) for _, of, weights in resampler.windows]
 
     def _along(self, windows: list[tuple[slice, Array]], nodes: Array) -> Array:
         """Interpolate node values [..., n, m] along the last axis but one: [..., fine, m]. windows:
-        from `_windows`; without any, nodes and fine samples are the same."""
+        from `_windows`; if there are none, the fine samples are the nodes and the values are
+        returned unchanged."""
         if not windows:
             return nodes
         return self._xp.concatenate(
@@ -244,12 +252,13 @@ class GpuUpsampler:
 def _batches(
     where: SortedPoints, touched: np.ndarray, rows: np.ndarray, point_bytes: int
 ) -> Iterator[Batch]:
-    """Cut the points of leaves into batches of pieces of similar size, the largest first, so that
-    few points are added to fill up; a piece is filled up with its last point. The arrays are in
-    numpy.
+    """Group the points of leaves into batches of pieces, as numpy arrays, the largest pieces first.
+    The pieces of a batch have similar sizes, so that few copies of a piece's last point are needed
+    to fill them up to equal size.
 
-    touched [leaves]: numbers of the leaves that hold points; rows [leaves]: their rows in the
-    level; point_bytes: memory per point, which limits a batch.
+    touched [leaves]: numbers of the leaves that contain points; rows [leaves]: rows of these leaves
+    in the `Level` of all leaves; point_bytes: memory needed per point, which limits the size of a
+    batch.
     """
     starts, counts = where.starts[touched], np.diff(where.starts)[touched]
     pieces = -(-counts // PIECE)
@@ -274,7 +283,7 @@ def exact_images(
     apart: bool,
 ) -> np.ndarray:
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna on the current
-    device: complex64 [f, n], one image per tone (apart), or [1, n], their coherent sum."""
+    device: complex64 [f, n], one image per tone, with `apart`; else [1, n], their coherent sum."""
     xp = array_module()
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
     matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first

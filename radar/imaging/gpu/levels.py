@@ -1,8 +1,8 @@
-"""A level of the tree on a device: the weights and phases of its boxes, padded to common sizes, so
-that a few batched products compute the samples of all boxes.
+"""One level of the tree of boxes on a device: the weights and phases of its boxes, padded to common
+sizes, so that a few batched products compute the samples of all boxes.
 
-Padding is zero: samples of tones and antennas that a box does not have are zero and add nothing to
-an image.
+The padding is zero: samples of tones and antennas that a box does not have are zero and add nothing
+to an image.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,14 @@ CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 
 @dataclass(frozen=True)
 class Level:
-    """n boxes of one level of the tree on a device. A box has k tones and a, b antennas of the two
-    legs; its parent, in the level above, has k', a', b'.
+    """The n boxes of one level of the tree, as arrays on a device. A box has k tones, a
+    transmitters and b receivers; its parent, in the level above, has k', a', b'.
 
-    parent [n]: row of each one's parent in the level above. Complex64: phases [n, k', a'] and [n,
+    parent [n]: row of each box's parent in the level above. Complex64: phases [n, k', a'] and [n,
     k', b'] from the parent's centre to the box's, tone_weights [n, k, k'], weights_a [n, a, a'],
     weights_b [n, b', b] (transposed). Float64: turns_per_m [n, k] = f/c, centre_m [3, n], and for
-    each leg position_m [3, n, a] and length_m [n, a], the path between antenna and centre.
+    transmitters and receivers position_m [3, n, a] and length_m [n, a], the path between antenna
+    and centre. xp: numpy or cupy.
     """
 
     xp: ModuleType
@@ -39,8 +40,8 @@ class Level:
     length_m: tuple[Array, Array]
 
     def descend(self, samples: Array, rows: Array) -> Array:
-        """Compute the samples of some boxes of the level, chosen by rows [m], from those of all
-        boxes of the level above, [n', k', a', b']: complex64 [m, k, a, b]."""
+        """Compute the samples of the level's boxes with these rows [m] from those of all boxes of
+        the level above, [n', k', a', b']: complex64 [m, k, a, b]."""
         block = max(BLOCK_BYTES // (CHILD_BYTES * int(np.prod(samples.shape[1:]))), 1)
         parts = [
             self._descend(samples, rows[start : start + block])
@@ -62,8 +63,9 @@ class Level:
 
 
 def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int]) -> Level:
-    """Copy nodes of the tree to a device as a `Level`. above: nodes of the level above; parent [n]:
-    index of each node's parent among them."""
+    """Copy nodes (boxes of one level of the tree, with tones, antennas and weights) to a device as
+    a `Level`. above: nodes of the level above; parent [n]: index of each node's parent among
+    them."""
     shifts = [_padded([node.shifts_m[leg] for node in nodes]) for leg in (0, 1)]
     turns_above = _padded([above[i].turns_per_m for i in parent])[:, :, None]
     tones = [_weights(node.tone_weights, len(node.turns_per_m)) for node in nodes]
@@ -93,13 +95,14 @@ def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int
 
 
 def _weights(weights: np.ndarray, count: int) -> np.ndarray:
-    """Return the weights, or for empty ones, which leave their axis unchanged, a unit matrix of
-    size `count`."""
+    """Return the weights; or, if they are empty, which stands for an unchanged axis, the unit
+    matrix of size `count`."""
     return weights if weights.size else np.eye(count)
 
 
 def _padded(arrays: list[np.ndarray]) -> np.ndarray:
-    """Stack arrays with zeros up to the largest size along each axis: float64 [n, ...]."""
+    """Stack arrays of different shapes, each padded with zeros to the largest size along each axis:
+    float64 [n, ...]."""
     stacked = np.zeros((len(arrays), *np.max([array.shape for array in arrays], axis=0)))
     for row, array in zip(stacked, arrays, strict=True):
         row[tuple(map(slice, array.shape))] = array

@@ -1,1 +1,2 @@
-"""The effects: what each needs, its estimate, its application."""
+"""The effects of simulated echoes: how each changes the echoes, its cost, and a quick estimate of
+its size."""

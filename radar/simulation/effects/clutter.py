@@ -1,4 +1,4 @@
-"""Echoes of the bodies around the target."""
+"""The effect "clutter": echoes of the bodies of the room around the target."""
 
 from __future__ import annotations
 
@@ -29,16 +29,18 @@ SAMPLES_M = 8e-3  # between the points of the room for which it is
 
 
 def target_power(scene: EchoScene) -> float:
-    """Return the power of the target's echo by geometrical optics as if it were of metal, in 1/m²
-    (see `single_bounce`): waves that return to the aperture after one reflection."""
+    """Return the power, in 1/m², of the target's echo by geometrical optics, as if it were of
+    metal: of the waves that return to the aperture after one reflection (`single_bounce`)."""
     return single_bounce(visible_surface(scene), scene.array, CENTRE_M)
 
 
 def clutter(echoes: Echoes) -> Echoes:
     """Add the echoes of the room's bodies, which do not move with the target, by physical optics.
+
     Facets that the target hides from the aperture's centre are left out; if shadows are diffracted,
-    each antenna has its own blurred shadow of the target. Waves that meet both target and room are
-    not simulated."""
+    each antenna has its own blurred shadow of the target instead. Waves that meet both target and
+    room are not simulated.
+    """
     scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
     rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.opaque else [])])
     added = np.zeros(echoes.samples.shape[1:], np.complex64)
@@ -52,7 +54,7 @@ def clutter(echoes: Echoes) -> Echoes:
 
 
 def clutter_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds of the room's echoes, from its surface area."""
+    """Estimate the CPU seconds that the room's echoes take, from its surface area."""
     area_m2 = (
         sum(np.linalg.norm(face_vectors(b.vertices_m, b.faces), axis=1).sum() for b in scene.room)
         / 2
@@ -61,9 +63,11 @@ def clutter_cost_s(scene: EchoScene) -> float:
 
 
 def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate how much the room's echo changes depths: its amplitude is at most that of a large
-    mirror at the distance z of its nearest body, 1/(2z). None (unknown) without an opaque
-    target."""
+    """Estimate how much the room's echo changes depths. None (unknown) without an opaque target.
+
+    The amplitude of the echo is at most that of a large mirror at the distance z of the room's
+    nearest body, 1/(2z).
+    """
     if not scene.opaque:
         return None
     target = np.abs(echo_reflection(scene.body.material, scene.frequencies_hz)).min() * np.sqrt(
@@ -81,8 +85,11 @@ def estimate_clutter(scene: EchoScene) -> QuickEstimate | None:
 
 def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
     """Return as scatterers the facets of a body of the room that the target does not hide from the
-    aperture's centre; with diffraction, coarser facets with the share of each antenna's field that
-    reaches them."""
+    aperture's centre.
+
+    If shadows are diffracted, the facets are coarser, and each has the complex factors by which the
+    target changes the fields of the antennas there.
+    """
     scene, surface = echoes.scene, echoes.surface
     if surface is None or surface.sight is None:
         facets = front_facets(scene, body)
@@ -94,7 +101,7 @@ def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
 
 
 def _rays(bodies: list[Body]) -> Rays:
-    """Return one ray caster of all bodies together."""
+    """Return one ray caster for all bodies together."""
     counts = np.cumsum([0, *(len(body.vertices_m) for body in bodies[:-1])])
     vertices_m = np.concatenate([body.vertices_m for body in bodies])
     return Rays(

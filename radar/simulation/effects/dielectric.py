@@ -1,4 +1,5 @@
-"""Dielectric targets: weak reflection, transmission, and delay of echoes from inside.
+"""The effect "dielectric": weak reflection by foam and plastic, transmission, and delay of echoes
+from inside foam.
 
 Foam (n − 1 ≪ 1): rays are straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Facets
 that face the array reflect with Γ = (1 − n)/(1 + n), facets that face away with −Γ, from inside;
@@ -28,13 +29,14 @@ BEYOND_M = 1e-5  # a ray continues this far behind a surface that it has crossed
 
 
 def has_dielectric(scene: EchoScene) -> bool:
-    """True if the target is a dielectric, or its balls are in foam."""
+    """Return True if the target is of foam or plastic, or its balls are in foam."""
     return _of_dielectric(scene) or any(map(has_foam, scene.balls))
 
 
 def dielectric(echoes: Echoes) -> Echoes:
-    """Give the target the partial reflection of foam or plastic; foam also echoes from its far side
-    and delays what is inside. For balls in foam: delay their echoes and add those of the foam."""
+    """Give the target the partial reflection of foam or plastic. Foam also reflects at its far
+    side, with a delayed echo. For balls in foam, their echoes are delayed and those of the foam are
+    added."""
     scene = echoes.scene
     if echoes.with_target and any(map(has_foam, scene.balls)):
         array, exponent = echoes.array, echoes.pattern
@@ -53,9 +55,11 @@ def dielectric(echoes: Echoes) -> Echoes:
 
 
 def far_wall_db(body: Body, frequency_hz: float) -> float:
-    """Return the echo of a plastic body's far wall relative to that of its front, in dB: (1 − Γ²)
-    e^{−2αl}, with flat walls at normal incidence as far apart as the body's mean chord l = 4V/A
-    (Cauchy)."""
+    """Return the echo of a plastic body's far wall relative to that of its front, in dB.
+
+    The amplitude ratio is (1 − Γ²) e^{−2αl}, for flat walls at normal incidence that are as far
+    apart as the body's mean chord l = 4V/A (Cauchy).
+    """
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces), axis=1).sum()
     chord_m = 4 * volume_m3(body) / area_m2
     wave = (
@@ -71,7 +75,8 @@ def far_wall_db(body: Body, frequency_hz: float) -> float:
 
 def unsimulated_echo(scene: EchoScene) -> str:
     """Return a warning if the target is of plastic so clear that the echo of its far wall, which is
-    not simulated, would matter (−20 dB of its front's or more); "" otherwise."""
+    not simulated, would matter: at FAINT_DB relative to its front's echo or more. Return ""
+    otherwise."""
     if scene.target is None or scene.target.material.kind != "plastic":
         return ""
     level_db = far_wall_db(scene.target, float(scene.frequencies_hz.mean()))
@@ -90,7 +95,7 @@ def _of_dielectric(scene: EchoScene) -> bool:
 def _transparent(
     scene: EchoScene, surface: ScatteringSurface, front: np.ndarray
 ) -> ScatteringSurface:
-    """Return the surface of a body of foam, in two layers: facets that face the array, with the
+    """Return the surface of a foam body in two layers: facets that face the array, with the
     reflection `front` [f], and facets that face away and reflect from inside, delayed by the path
     in the foam."""
     body = surface.body
@@ -109,8 +114,8 @@ def _transparent(
 
 
 def back_facets(scene: EchoScene, body: Body) -> Facets:
-    """Return the facets of a body whose inner side faces the array, with normals pointing
-    inwards."""
+    """Return the facets of a body whose inner side faces the array (those of its far side), with
+    normals that point inwards."""
     inside_out = scene.cached(
         ("inside out", id(body)), lambda: Body(body.vertices_m, body.faces[:, ::-1], body.material)
     )
@@ -118,8 +123,8 @@ def back_facets(scene: EchoScene, body: Body) -> Facets:
 
 
 def inside_m(rays: Rays, points_m: np.ndarray, origin_m: np.ndarray) -> np.ndarray:
-    """Return the length in metres [n] that the straight ray from an origin [3] outside a closed
-    body to each point [n, 3] runs inside the body. rays: the body's ray caster."""
+    """Return the lengths [n], in metres, that straight rays from an origin [3] outside a closed
+    body to points [n, 3] run inside the body. rays: the body's ray caster."""
     towards = points_m - origin_m
     distance_m = np.linalg.norm(towards, axis=1)
     towards = towards / distance_m[:, None]

@@ -1,10 +1,11 @@
-"""Hand tremor and other motion of the target while one tone after another is measured.
+"""The effect "motion": hand tremor and other motion of the target while one tone after another is
+measured.
 
 A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes
 are computed at few displacements. In between, the phase of each channel follows the path to the
 target's middle, and the small remaining difference between the target's parts is interpolated
-linearly. Extra echoes (bounces, foam) are weak: they are computed once, and only their phase
-changes.
+linearly. Extra echoes (multiple bounces, foam) are weak: they are computed once, and only their
+phase changes.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ RESIDUAL_RAD = 0.06
 
 
 def motion(echoes: Echoes) -> Echoes:
-    """Move the target between one tone and the next, as the scene's `motion` says; the tremor's
-    phase is random in each frame."""
+    """Move the target between one tone and the next, by the scene's `motion`. The tremor's phase is
+    random in each frame."""
     if not echoes.with_target:
         return echoes
     causes, time_s = echoes.scene.causes.motion, echoes.scene.time_s
@@ -37,8 +38,8 @@ def motion(echoes: Echoes) -> Echoes:
 
 
 def estimate_motion(scene: EchoScene) -> QuickEstimate:
-    """Estimate the change of depth by motion: (f/Δf)·Δδ, with Δδ the mean motion between the
-    highest tone and another one, for the tone for which this is largest."""
+    """Estimate how much motion changes depths: (f/Δf)·Δδ, where Δδ is the mean motion between the
+    highest tone f and another one Δf below it, for the tone with the largest such value."""
     top = int(scene.frequencies_hz.argmax())
     below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
     below_hz[top] = np.inf
@@ -48,23 +49,28 @@ def estimate_motion(scene: EchoScene) -> QuickEstimate:
 
 
 def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
-    """Return the mean |δ(t + T) − δ(t)| of the displacement δ in metres, for each time T of
-    `apart_s`: 2a|sin πfT| · 2/π for the sine of amplitude a and frequency f, averaged over its
-    phase, plus the drift |v|T."""
+    """Return the mean |δ(t + T) − δ(t)| of the target's displacement δ, metres, for each interval T
+    of apart_s.
+
+    For the sine of amplitude a and frequency f, averaged over its phase, it is 2a|sin πfT| · 2/π;
+    the drift |v|T is added.
+    """
     sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
     return sine_m + abs(motion.velocity_m_s) * apart_s
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
-    """Return the displacement in metres [f] at the time time_s [f] of each tone, relative to the
-    target's place at the start of the frame. phase_rad: phase of the tremor there."""
+    """Return the target's displacement [f], in metres, at the time time_s [f] of each tone,
+    relative to its place at the start of the frame. phase_rad: phase of the tremor at the start of
+    the frame."""
     sine = np.sin(2 * np.pi * motion.frequency_hz * time_s + phase_rad) - np.sin(phase_rad)
     return motion.amplitude_m * sine + motion.velocity_m_s * time_s
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
-    """Return the least and largest displacement in metres that is possible within a frame, for any
-    phase of the tremor: all frames are interpolated between the same bounds."""
+    """Return the least and the largest displacement, in metres, that is possible within a frame for
+    any phase of the tremor, so that all frames can be interpolated between the same
+    displacements."""
     drift_m = motion.velocity_m_s * time_s
     return float(drift_m.min() - 2 * motion.amplitude_m), float(
         drift_m.max() + 2 * motion.amplitude_m
@@ -74,10 +80,12 @@ def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
 def echoes_of_moving(
     echoes: Echoes, along: np.ndarray, offset_m: np.ndarray, reach: tuple[float, float]
 ) -> np.ndarray:
-    """Return samples complex64 [frame, f, t, r] of the target displaced along the unit vector
-    `along` by offset_m [frame, f]. reach: least and largest displacement; echoes are computed at a
-    few displacements between them and interpolated. Raises HandbenchError for a motion that would
-    need too many."""
+    """Compute the samples of the target displaced along the unit vector `along` by offset_m [frame,
+    f]: complex64 [frame, f, t, r].
+
+    reach: least and largest displacement; echoes are computed at a few displacements between these
+    and interpolated. Raises HandbenchError for a motion so large that it would need too many.
+    """
     frequencies_hz = echoes.scene.frequencies_hz
     middle_m, spread = _middle(echoes, along)
     low, high = reach
@@ -111,8 +119,8 @@ def echoes_of_moving(
 
 
 def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the middle [3] of the target, and the largest difference between two direction cosines
-    to `along`, seen from the origin: that of a part of the target and that of the middle."""
+    """Return the mean position [3] of the target's points, and the largest difference between the
+    direction cosines to `along` of a point and of this mean, both seen from the origin."""
     points_m = echoes.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
@@ -120,13 +128,13 @@ def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _slope(echoes: Echoes, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:
-    """Return by how much each path from transmitter over the middle [3] to receiver grows per metre
-    that the target moves along the unit vector `along`: [t, r]."""
+    """Return by how much the path of each channel, from transmitter to the point middle_m [3] to
+    receiver, grows per metre that the point moves along the unit vector `along`: [t, r]."""
     towards = [middle_m - leg.position_m for leg in echoes.array.legs]
     cosines = [leg @ along / np.linalg.norm(leg, axis=1) for leg in towards]
     return cosines[0][:, None] + cosines[1]
 
 
 def _moved(array: AntennaArray, offset_m: np.ndarray) -> AntennaArray:
-    """Return the array as a target that has moved by offset_m [3] sees it: moved by −offset_m."""
+    """Return the array relative to a target that has moved by offset_m [3]: moved by −offset_m."""
     return AntennaArray(array.tx_m - offset_m, array.rx_m - offset_m)

@@ -1,4 +1,5 @@
-"""Echoes over two to four places of the target, such as two fingers."""
+"""The effect "multipath": echoes of waves that are reflected between two to four places of the
+target, such as two fingers."""
 
 from __future__ import annotations
 
@@ -29,11 +30,12 @@ SECONDS_PER_FACE, SECONDS_PER_TUBE = 3e-6, 2e-6
 
 def multipath(echoes: Echoes) -> Echoes:
     """Add the waves that meet two to four places of the target's surface. Every place but the last
-    reflects like a mirror, and the last radiates by physical optics. This is averaged with the same
-    computed from the receivers' side, so that exchanging transmitters and receivers changes
-    nothing.
+    reflects like a mirror, and the last radiates by physical optics.
 
-    Left out: more than four places, and diffraction at edges."""
+    The result is the mean of this and of the same calculation with transmitters and receivers
+    exchanged, so that it is reciprocal. Left out are more than four places, and diffraction at
+    edges.
+    """
     surface, scene = echoes.surface, echoes.scene
     if surface is None:
         return echoes
@@ -79,7 +81,7 @@ def multipath(echoes: Echoes) -> Echoes:
 
 
 def multipath_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds of the echoes over several places."""
+    """Estimate the CPU seconds that the echoes over several places take."""
     antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
     tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
     return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
@@ -87,7 +89,7 @@ def multipath_cost_s(scene: EchoScene) -> float:
 
 def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
     """Estimate how much echoes over several places change depths: not at all if no two facets face
-    each other, as on a convex surface; None (unknown) otherwise."""
+    each other, as on a convex surface; otherwise None (unknown)."""
     surface = coarse_surface(scene, scene.body)
     if scene.cached("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
         return None
@@ -95,11 +97,11 @@ def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _exchanged(array: AntennaArray) -> AntennaArray:
-    """The array with transmitters and receivers exchanged."""
+    """Return the array with transmitters and receivers exchanged."""
     return AntennaArray(array.rx_m, array.tx_m)
 
 
 def _mirroring(scene: EchoScene) -> int:
-    """Count the target's coarse facets that reflect a wave from the aperture's centre onto others.
-    Computed once per scene."""
+    """Count the target's coarse facets that reflect a wave from the aperture's centre onto other
+    facets. The count is computed once per scene."""
     return scene.cached("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))

@@ -1,6 +1,9 @@
-"""Quick estimates of effects, without rays or random numbers: coarse facets of the target's
-surface; visibility by depth buffers, with one point per facet; and reflections onto other facets by
-stepping through a grid of the surface's normals."""
+"""Quick estimates of the sizes of effects, without ray casting or random numbers.
+
+The target's surface is divided into coarse facets. Their visibility is found by depth buffers with
+one point per facet, and reflections onto other facets by stepping through a grid that stores the
+facets' normals.
+"""
 
 from __future__ import annotations
 
@@ -40,9 +43,11 @@ WIDE = 2.0
 
 @dataclass(frozen=True)
 class QuickEstimate:
-    """Size of an effect by geometry or a closed formula, found within milliseconds. worst_mm:
-    change of depth in the method that it changes most; why: how it was estimated, in words; factor:
-    by how many times the estimate may be too large or too small."""
+    """An effect's size, from geometry or a closed formula within milliseconds.
+
+    worst_mm: change of the depths of the method that the effect changes most; why: how it was
+    estimated, in words; factor: by how many times the estimate may be too large or too small.
+    """
 
     worst_mm: float
     why: str
@@ -53,13 +58,14 @@ class QuickEstimate:
         cls, scene: EchoScene, ratio: float, why: str, factor: float = CLEAR
     ) -> QuickEstimate:
         """Estimate the change of depth by echoes whose amplitude is `ratio` times that of the
-        target's. why, factor: as in the class."""
+        target's echoes. why: how the ratio was found, in words; factor: by how many times it may be
+        wrong."""
         turned_rad = min(TURN * ratio, np.pi / 2)
         return cls(1e3 * scene.depth_m_per_rad * scene.strictness * turned_rad, why, factor)
 
 
 def echo_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds of the target's echoes without any effect."""
+    """Estimate the CPU seconds that the target's echoes take without any effect."""
     count = 0 if scene.target is None else 4 * len(coarse_surface(scene, scene.body))
     return 0.05 + count * (FACET_S + TONE_S * len(scene.frequencies_hz))
 
@@ -70,23 +76,26 @@ def coarse_surface(scene: EchoScene, body: Body) -> Facets:
 
 
 def visible_surface(scene: EchoScene) -> Facets:
-    """Return the target's facets, with edges of at most half a wavelength, that are visible from
-    the aperture's centre; of a transparent target, all that face the array."""
+    """Return the target's facets that are visible from the aperture's centre, with edges of at most
+    half a wavelength. Of a transparent target, all facets that face the array are returned."""
     facets = require_facets(coarse_surface(scene, scene.body))
     return facets if scene.body.transparent else facets.where(visible_from_centre(scene))
 
 
 def visible_from_centre(scene: EchoScene) -> np.ndarray:
-    """Return the mask [p] of those facets of `coarse_surface` of the target that are visible from
-    the aperture's centre. Computed once per scene."""
+    """Return a boolean mask [p] of the target's coarse facets (`coarse_surface`), True for those
+    visible from the aperture's centre. It is computed once per scene."""
     return scene.cached("seen", lambda: visible_from(coarse_surface(scene, scene.body), CENTRE_M))
 
 
 def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
-    """Return the mask [p] of the facets that face the point view_m [3] and are not hidden by
-    others. This is a depth buffer whose pixels, seen from view_m, are two facets wide. A facet is
-    hidden if it is farther than the nearest facet of its pixel by more than a surface with its
-    slope extends in depth across the pixel."""
+    """Return a boolean mask [p], True for facets that face the point view_m [3] and are not hidden
+    by others.
+
+    The test uses a depth buffer as seen from view_m, whose pixels are two facets wide. A facet is
+    hidden if it is farther than the nearest facet of its pixel by more than the depth that a
+    surface with its slope spans across the pixel.
+    """
     if len(facets) == 0:
         return np.zeros(0, bool)
     cell_m = 2 * float(np.sqrt(np.median(facets.area_m2)))
@@ -95,8 +104,8 @@ def visible_from(facets: Facets, view_m: np.ndarray) -> np.ndarray:
 
 
 def _frame(axis: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return three perpendicular unit vectors [3, 3], the last of them along `axis` [3], and the
-    length of the axis."""
+    """Return three perpendicular unit vectors as rows [3, 3], the last one along `axis` [3], and
+    the length of `axis`."""
     length = float(np.linalg.norm(axis))
     along = axis / length
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along))])
@@ -144,10 +153,12 @@ def _visible(  # type: ignore[no-untyped-def]
 def near_outlines(  # type: ignore[no-untyped-def]
     position_m, normal, outline_m, view_m, wavelength_m
 ):
-    """Return the mask [p] of the facets that face a point view_m [3] and may be in the half-shadow
-    of an outline, given by points outline_m [n, 3]. Such a facet is farther away than some of these
-    points, seen within two Fresnel radii of their direction, and has them above its plane
-    (impossible on a convex body)."""
+    """Return a boolean mask [p], True for facets that face the point view_m [3] and may be in the
+    half-shadow of an outline, given by points outline_m [n, 3].
+
+    Such a facet is farther from view_m than one of these points, within two Fresnel radii of its
+    direction, and has that point above its own plane, which is impossible on a convex body.
+    """
     ways, places = outline_m - view_m, position_m - view_m
     near = np.zeros(len(places), np.bool_)
     lengths = np.sqrt((ways * ways).sum(axis=1))
@@ -171,8 +182,8 @@ def near_outlines(  # type: ignore[no-untyped-def]
 
 
 def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
-    """True if of some two facets each is above the plane of the other, which is never so on a
-    convex body. About 500 of the facets are compared."""
+    """Return True if some two facets are each above the plane of the other, which never occurs on a
+    convex body. About PAIRED of the facets are compared."""
     some = facets.where(np.arange(0, len(facets), max(len(facets) // PAIRED, 1)))
     above_m = some.position_m @ some.normal.T - (some.position_m * some.normal).sum(axis=1)
     above = above_m > HORIZON * wavelength_m
@@ -180,8 +191,9 @@ def some_face_each_other(facets: Facets, wavelength_m: float) -> bool:
 
 
 def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
-    """Count the facets that reflect a wave from the point view_m [3] onto others. Reflected rays
-    are followed through a grid of cells with the sums of the facets' normals."""
+    """Count the facets that reflect a wave from the point view_m [3] onto other facets. The
+    reflected rays are followed through a grid of cubes, each with the sum of the normals of the
+    facets in it."""
     if len(facets) == 0:
         return 0
     low_m, high_m = facets.position_m.min(axis=0), facets.position_m.max(axis=0)
@@ -196,13 +208,15 @@ def count_mirroring(facets: Facets, view_m: np.ndarray) -> int:
 
 
 def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> float:
-    """Return the power, in 1/m², of the wave from view_m [3] that a metal surface reflects back to
-    the aperture: Σ A_p / R² / area, summed over the facets whose reflected ray passes through an
-    area around the aperture, twice as wide; A_p is a facet's area across the ray.
+    """Compute the power, in 1/m², of a wave from view_m [3] that a metal surface reflects back to
+    the aperture: Σ A_p / R² / area.
 
-    Geometrical optics conserves the energy of a ray tube: what a facet receives from the aperture's
-    centre, A_p / R², spreads over that area. The amplitude S of physical optics is λ times the
-    field, so the mean of |S|² over the channels is λ² times this power."""
+    The sum is over the facets whose reflected ray passes through the aperture, enlarged to twice
+    its width and height; A_p is a facet's area across the incident ray, R its distance from view_m,
+    and `area` that of the enlarged aperture. Geometrical optics conserves the energy of a ray tube:
+    what a facet receives, A_p / R², spreads over the area. The amplitude S of physical optics is λ
+    times the field, so the mean of |S|² over the channels is λ² times this power.
+    """
     (low_m, high_m), ways = _returns(array), facets.position_m - view_m
     distance = np.linalg.norm(ways, axis=1)
     cosine = -(ways * facets.normal).sum(axis=1) / distance
@@ -219,8 +233,8 @@ def single_bounce(facets: Facets, array: AntennaArray, view_m: np.ndarray) -> fl
 
 
 def _returns(array: AntennaArray) -> np.ndarray:
-    """Return the lower and upper corner [2, 3] of the area in which returning rays are counted:
-    twice as wide and high as the aperture, about its middle."""
+    """Return the lower and upper corner [2, 3] of the area in which reflected rays are counted as
+    returning: twice as wide and high as the aperture, with the same middle."""
     antennas_m = np.concatenate([array.tx_m, array.rx_m])
     middle_m, half_m = (
         (antennas_m.max(axis=0) + antennas_m.min(axis=0)) / 2,

@@ -1,5 +1,5 @@
-"""Imperfections of the sensor: antennas' places, pattern, leakage and channels, dead ones; phase
-noise of the oscillator, thermal noise, quantisation."""
+"""The effects of an imperfect sensor: errors of the antennas' positions, their pattern, leakage,
+channel errors, dead antennas, phase noise of the oscillator, thermal noise and quantisation."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked fo
 
 
 def positions(echoes: Echoes) -> Echoes:
-    """Move each antenna from its nominal position by a normal error in x, y and z. The simulated
-    capture states the nominal positions."""
+    """Move each antenna from its nominal position by a normally distributed error in x, y and z.
+    The simulated capture stores the nominal positions."""
     sigma_m, legs_m = (
         echoes.scene.causes.positions.sigma_m,
         [leg.position_m for leg in echoes.array.legs],
@@ -39,8 +39,8 @@ def pattern(echoes: Echoes) -> Echoes:
 
 
 def coupling(echoes: Echoes) -> Echoes:
-    """Add a direct wave from each transmitter to each receiver. Its amplitude falls with their
-    distance; its mean power is given relative to that of the target's samples."""
+    """Add a direct wave (leakage) from each transmitter to each receiver. Its amplitude falls with
+    their distance; its mean power is set relative to that of the target's samples."""
     samples, amplitude = echoes.samples, echoes.scene.causes.coupling.amplitude
     level = echoes.level(
         "coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size))
@@ -73,8 +73,9 @@ def channels(echoes: Echoes) -> Echoes:
 def _channel_factor(
     causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]
 ) -> np.ndarray:
-    """Return the factor complex64 [f, t, r] by which antennas' errors multiply the samples. drawn:
-    for transmitters, then receivers, normal random numbers [3, n] for gain, phase and delay."""
+    """Compute the factor by which the errors of the antennas' channels multiply the samples:
+    complex64 [f, t, r]. drawn: normal random numbers [3, n] for gain, phase and delay, of the
+    transmitters and of the receivers."""
     legs = []
     for gain, phase, delay in drawn:
         still = 10 ** (causes.gain_db * gain / 20) * np.exp(1j * causes.phase_rad * phase)
@@ -83,13 +84,13 @@ def _channel_factor(
 
 
 def dead(echoes: Echoes) -> Echoes:
-    """Set the channels of dead antennas to zero."""
+    """Set the samples of all channels with a dead antenna to zero."""
     return echoes.record(silence_dead_antennas(echoes.samples, echoes.scene.causes.dead))
 
 
 def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
-    """Return samples [..., t, r] with zeros in the channels of dead antennas. Raises HandbenchError
-    for a number that no antenna has."""
+    """Return the samples [..., t, r] with zeros in all channels with a dead antenna. Raises
+    HandbenchError for an antenna number that does not exist."""
     alive = np.ones(samples.shape[-2:], np.float32)
     for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
@@ -107,12 +108,12 @@ def oscillator(echoes: Echoes) -> Echoes:
 
     The receiver mixes with the same oscillator, a delay τ later: noise of density L(f) is reduced
     to 4 sin²(πfτ)·L(f) (range correlation; Budge & Burt 1993). With L = L₀·(f₀/f)² below the
-    receiver's bandwidth B,
+    receiver's bandwidth B, the phase has the variance
 
         σ² = ∫₀^B 2·L·4 sin²(πfτ) df = 8 L₀ f₀² [ πτ·Si(2πτB) − sin²(πτB)/B ].
 
-    Transmitters send one after another: phases differ between tones and transmitters and are the
-    same for all receivers, so an image averages them over T transmitters to σ/√T.
+    Transmitters send one after another, so the phases differ between tones and transmitters and are
+    the same for all receivers. An image averages them over T transmitters, which leaves σ/√T.
     """
     delay_s = 2 * float(np.linalg.norm(echoes.scene.middle_m)) / SPEED_OF_LIGHT_M_S
     sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)
@@ -124,17 +125,17 @@ def oscillator(echoes: Echoes) -> Echoes:
 
 
 def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
-    """Return the standard deviation of the phase by an oscillator's noise. Transmitter and receiver
-    share the oscillator, so that noise slower than the target's delay delay_s cancels (range
-    correlation)."""
+    """Compute the standard deviation of the phase, in radians, that an oscillator's noise causes.
+    Transmitter and receiver share the oscillator, so noise slower than the target's delay delay_s
+    cancels (range correlation)."""
     a, bandwidth_hz = np.pi * delay_s, oscillator.bandwidth_hz
     integral = a * sici(2 * a * bandwidth_hz)[0] - np.sin(a * bandwidth_hz) ** 2 / bandwidth_hz
     return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
 
 
 def noise(echoes: Echoes) -> Echoes:
-    """Add white circular Gaussian noise to every channel, tone and frame. Its level is relative to
-    the strongest pixel on the target's surface."""
+    """Add white circular Gaussian noise to every channel, tone and frame. Its level is set relative
+    to the strongest pixel on the target's surface."""
     tones_hz, sigma_rad = echoes.scene.frequencies_hz, echoes.scene.causes.noise.between_tones_rad
     strongest = echoes.level("noise", lambda: _strongest(echoes))
     frames = zip(echoes.samples, echoes.frame_seeds("noise"), strict=True)
@@ -146,7 +147,7 @@ def noise(echoes: Echoes) -> Echoes:
 
 def _strongest(echoes: Echoes) -> float:
     """Return the amplitude of the strongest pixel on the target's surface, in the image of the
-    first frame's highest tone."""
+    highest tone of the first frame."""
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
     top = int(echoes.scene.frequencies_hz.argmax())
     return strongest_amplitude(
@@ -157,8 +158,8 @@ def _strongest(echoes: Echoes) -> float:
 def strongest_amplitude(
     samples: np.ndarray, frequency_hz: float, array: AntennaArray, surface_m: np.ndarray
 ) -> float:
-    """Return the largest magnitude of one tone's image, from samples [t, r], at surface points [n,
-    3]."""
+    """Return the largest magnitude, over surface points [n, 3], of the image of one tone. samples
+    [t, r]: the tone's samples."""
     return float(
         np.abs(exact_images(samples[None], np.array([frequency_hz]), array, surface_m, True)).max()
     )
@@ -171,17 +172,17 @@ def thermal_noise(
     strongest: float,
     seed: tuple[int, ...],
 ) -> np.ndarray:
-    """Return samples [f, t, r] with white circular Gaussian noise, of the same level in every
-    channel and at every tone. strongest: amplitude A of the strongest pixel in an image of one
-    tone.
+    """Add white circular Gaussian noise to samples [f, t, r], of the same level in every channel
+    and at every tone. strongest: amplitude A of the strongest pixel in an image of one tone.
 
     phase_noise_rad: standard deviation of the phase *between two tones* at the strongest pixel. An
     image sums N = t·r channels, so that its noise is √N σ; of it one quadrature turns the phase,
     σ_φ = √N σ / (√2 A) per tone, and √N σ / A between two tones of equal amplitude A: σ =
     phase_noise_rad · A / √N.
 
-    The random numbers of each tone depend on the seed and its frequency only, not on the other
-    tones."""
+    The random numbers of a tone depend only on `seed` and on the tone's frequency, not on the other
+    tones.
+    """
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
     noisy = np.empty_like(samples)
     for f, frequency_hz in enumerate(frequencies_hz):
@@ -205,16 +206,16 @@ def converter(echoes: Echoes) -> Echoes:
 
 
 def full_scale(samples: np.ndarray, converter: Converter) -> float:
-    """Return the largest value of a quadrature that the converter can represent: the largest in the
-    samples, raised by the headroom."""
+    """Return the largest value of a quadrature that the converter can represent: the largest value
+    in the samples, raised by the headroom."""
     largest = max(np.abs(samples.real).max(), np.abs(samples.imag).max())
     return float(largest * 10 ** (converter.headroom_db / 20))
 
 
 def quantise(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
     """Round both quadratures of the samples to the middles of 2^bits equal steps over ±scale, and
-    clip what is beyond: complex64 of the same shape. Without `bits`, or where scale is 0, the
-    samples are returned as they are."""
+    clip what exceeds ±scale: complex64 of the same shape. If `bits` is None or the scale is 0, the
+    samples are returned unchanged."""
     if scale == 0 or converter.bits is None:
         return samples
     step = 2 * scale / 2**converter.bits

@@ -1,9 +1,9 @@
-"""The target's surface: obliquity, shadows, skin, roughness.
+"""The effects of the target's surface: obliquity, shadows, skin and roughness.
 
 Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. The
 part of a wave that facets resolve displaces them along their normals; the rest, of variance σ²,
-weakens their echo by exp(−2k²σ²), the coherent loss of a rough mirror (Ament 1953). Diffuse
-scattering of this part is left out, and so is the effect on bounces.
+weakens their echo by exp(−2k²σ²), the coherent loss of a rough mirror (Ament 1953). Left out are
+the diffuse scattering of this rest, and the effect of roughness on multiple bounces.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SPREAD = 0.096  # variance of an equilateral triangle's points along an axis ove
 
 
 def obliquity(echoes: Echoes) -> Echoes:
-    """Let each facet scatter by the angle at which each antenna sees it, as physical optics does,
+    """Make each facet scatter by the angle at which each antenna sees it, as in physical optics,
     instead of evenly in all directions."""
     return (
         echoes
@@ -48,7 +48,7 @@ def obliquity(echoes: Echoes) -> Echoes:
 
 
 def shadow_centre(echoes: Echoes) -> Echoes:
-    """Leave out the facets that are turned away from the aperture's centre or hidden from it."""
+    """Leave out the facets that face away from the aperture's centre or are hidden from it."""
     if echoes.surface is None:
         return echoes
     facets, body = echoes.surface.facets, echoes.surface.body
@@ -61,7 +61,8 @@ def shadow_centre(echoes: Echoes) -> Echoes:
 
 
 def shadows_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds of the shadows of each antenna, sharp or diffracted."""
+    """Estimate the CPU seconds that computing the shadows of every antenna takes, sharp or
+    diffracted."""
     return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
 
 
@@ -81,9 +82,9 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
-    """Estimate how much the antennas' own shadows change depths, by the share of the surface that
-    only a part of the array sees. The coarse facets are tested from the ends and middles of the
-    antenna lines."""
+    """Estimate how much the antennas' own shadows change depths, from the share of the surface that
+    only a part of the array sees. Coarse facets are tested for this, from the ends and middles of
+    the antenna lines."""
     facets, visible = coarse_surface(scene, scene.body), visible_from_centre(scene)
     (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
     disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
@@ -97,9 +98,12 @@ def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
 
 
 def shadow_diffraction(echoes: Echoes) -> Echoes:
-    """Blur each antenna's shadows by diffraction: waves bent around outlines, and waves that creep
-    around round edges, which depend on polarisation. Left out: diffraction at two edges, change of
-    polarisation, and bends by more than some 40°; shadows of multiple bounces stay sharp."""
+    """Blur each antenna's shadows by diffraction: by waves that bend around outlines, and by waves
+    that creep around round edges, which depend on polarisation.
+
+    Left out are diffraction at two edges, change of polarisation, and bends by more than some 40°;
+    shadows of multiple bounces stay sharp.
+    """
     if echoes.surface is None:
         return echoes
     scene, body = echoes.scene, echoes.surface.body
@@ -113,9 +117,12 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
 
 
 def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate how much diffraction changes depths, by the share of the surface next to or behind
-    an outline as seen from the ends of the antenna lines. None (unknown) with a room, which lies
-    behind the target's outline, and for a body with hollows where no such place is found."""
+    """Estimate how much diffraction changes depths, from the share of the surface that is next to
+    or behind an outline as seen from the ends of the antenna lines.
+
+    None (unknown) if the scene has a room, since its bodies are behind the target's outline, and
+    for a body that is not convex if the share is 0.
+    """
     if scene.room:
         return None
     body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
@@ -144,8 +151,8 @@ def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
 
 
 def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two masks [p] of the facets: those visible from some, and from all, of the ends and
-    middles of the lines of antennas."""
+    """Return two boolean masks [p] of the facets: those visible from at least one of the views, and
+    those visible from all. The views are the ends and middles of the lines of antennas."""
     views = [
         n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])
     ]
@@ -157,11 +164,12 @@ def skin(echoes: Echoes) -> Echoes:
     """Apply the reflection of skin, a half-space under a horny layer that is thick only on the
     palm: weaker than metal's, with a phase that depends on frequency.
 
-    At normal incidence. An image forms where transmitter, receiver and surface are specular; at 0.3
-    m the angle of incidence is then 18° at most, between opposite corners of the array. Up to
-    there, in either polarisation, Γ of thin skin and of a palm of 140 µm stays within 0.3 dB and
-    0.04 rad of normal incidence and the bias in depth within 0.01 mm. A palm of 430 µm is near a
-    quarter wave: 2.5 dB, and 1.5 mm of its bias of 2.6 mm.
+    The reflection is that at normal incidence. An image forms where transmitter, receiver and
+    surface are specular; at 0.3 m the angle of incidence is then 18° at most, between opposite
+    corners of the array. Up to this angle, in either polarisation, Γ of thin skin and of a palm of
+    140 µm stays within 0.3 dB and 0.04 rad of normal incidence, and the error of the depth within
+    0.01 mm. A palm of 430 µm is near a quarter wave: the difference is 2.5 dB, and 1.5 mm of its
+    depth error of 2.6 mm.
     """
     if echoes.surface is None:
         return echoes
@@ -174,8 +182,8 @@ def skin(echoes: Echoes) -> Echoes:
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the echo amplitudes of a hand's skin relative to metal, complex [2, f]: first of thin
-    skin, then of the palm with its thicker horny layer."""
+    """Return the echo amplitudes of a hand's skin relative to metal, complex [2, f]: of thin skin,
+    and of the palm with its thicker horny layer."""
     layers_m = skin_layers_m(body.material)
     return np.stack(
         [skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m]
@@ -183,14 +191,14 @@ def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
 
 
 def layers(body: Body, face: np.ndarray) -> np.ndarray:
-    """Return for each facet [p] which row of `reflections` applies: 0 thin skin, 1 the palm. face
-    [p]: the face of the mesh on which each facet lies."""
+    """Return the kind of skin of each facet [p], as a row of `reflections`: 0 for thin skin, 1 for
+    the palm. face [p]: index of the mesh's face that each facet is a part of."""
     return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
 
 
 def roughness(echoes: Echoes) -> Echoes:
-    """Displace the facets by a random relief, and weaken the echo of each by the part of the relief
-    that is finer than the facet."""
+    """Displace the facets along their normals by a random relief, and weaken each facet's echo by
+    the part of the relief that is finer than the facet."""
     if echoes.surface is None:
         return echoes
     waves = waves_of(echoes.scene.causes.roughness, generator(echoes.seed("roughness")))
@@ -201,9 +209,12 @@ def roughness(echoes: Echoes) -> Echoes:
 def waves_of(
     rough: Roughness, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Draw the sum of cosine waves that makes up the relief: wave vectors [n, 3] in rad/m,
-    amplitudes [n] in m and phases [n] in rad. They are 64 random waves for roughness and one for a
-    print's layer lines; waves without amplitude are left out."""
+    """Draw the cosine waves whose sum is the relief: (wave vectors [n, 3] in rad/m, amplitudes [n]
+    in m, phases [n] in rad).
+
+    They are WAVES random waves for roughness and one wave for a print's layer lines; those with
+    amplitude 0 are left out.
+    """
     vectors = random.normal(0, np.sqrt(2) / rough.correlation_m, (WAVES, 3))
     along = np.array(rough.layers_along) / np.linalg.norm(rough.layers_along)
     vectors = np.concatenate([vectors, 2 * np.pi / rough.layer_pitch_m * along[None]])
@@ -222,8 +233,11 @@ def displace_facets(
     wavenumber: float,
 ) -> Facets:
     """Return the facets displaced along their normals by the relief, a sum of waves (vectors [n, 3]
-    in rad/m, amplitude_m [n], phase_rad [n]). The part of the relief finer than a facet, of
-    variance σ², reduces its area by the coherent loss exp(−2k²σ²); wavenumber: k in rad/m."""
+    in rad/m, amplitude_m [n], phase_rad [n]).
+
+    The part of the relief that is finer than a facet, of variance σ², reduces the facet's area by
+    the factor exp(−2k²σ²), its loss of coherent echo; wavenumber: k in rad/m.
+    """
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2

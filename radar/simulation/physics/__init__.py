@@ -1,1 +1,1 @@
-"""Physics that several effects share."""
+"""Models of scattering and propagation that several effects share."""

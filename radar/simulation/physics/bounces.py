@@ -1,16 +1,17 @@
-"""Kernels of echoes with several bounces: ray tubes that one part of the surface reflects onto
-another, which radiates by physical optics.
+"""Compiled code for echoes with several bounces, by shooting and bouncing rays: one part of the
+surface reflects a ray tube onto another part, which radiates by physical optics.
 
-A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and lands at
-q on a footprint of the area A_q in the surface. Its energy keeps, so that the field on the
-footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi the angle of incidence; with physical optics'
-integrand, shared evenly by both legs as in `radar.simulation.forward`,
+A tube from transmitter t is mirrored by a patch at p, of the area A_p across the ray, and arrives
+at q on a footprint of the area A_q in the surface. Its energy is conserved, so that the field on
+the footprint is √(A_p / (A_q cos θ_qi)) / R_t, θ_qi the angle of incidence. With the integrand of
+physical optics, whose obliquity is shared evenly between incidence and radiation as in
+`radar.simulation.forward`,
 
     S_f[t, r] = Σ_tubes √(A_p A_q) / R_t · √cos θ_qr / R_r · D · exp(−j2πf(R_t + |pq| + R_r)/c),
 
 which has no singularity at caustics, where A_q vanishes; beyond each, the field is a quarter turn
-ahead (Balanis, Advanced Engineering Electromagnetics, sec. 13.2). D is what the phase, which is not
-the same all over a footprint, leaves of it: see `radiate`. Shooting and bouncing rays: Ling, Chou &
+ahead (Balanis, Advanced Engineering Electromagnetics, sec. 13.2). The factor D ≤ 1 is the loss
+because the phase varies over the footprint (`radiate`). Shooting and bouncing rays: Ling, Chou &
 Lee, IEEE Trans. Antennas Propag. 37 (1989) 194.
 """
 
@@ -45,16 +46,17 @@ STEEPEST = 1.4  # growth of the path along the surface (at most 2) above which a
 
 
 class Tubes(NamedTuple):
-    """n ray tubes, each of which meets the body b + 1 times: rays from a transmitter spread over a
-    patch (a mirror with the middle p), are reflected from face to face, and cover a footprint (with
-    the middle q) on the last face, which radiates.
+    """n ray tubes, each of which meets the body b + 1 times. The rays of a tube go from a
+    transmitter to a patch (a triangle that acts as a mirror, with the middle p), are reflected from
+    face to face, and cover a footprint (with the middle q) on the last face, which radiates.
 
-    transmitter, patch: indices [n]; faces [n, b]: of the body after the patch, in the order met;
-    points_m [n, b + 1, 3]: the path's corners from p to q; normal [n, 3]: of the surface at q;
-    length_m [n]: path from p to q. root_m2 [n]: √(A_p A_q) of the areas of patch and footprint, 0
-    for an invalid tube; edge_m [n, 3, 3]: from q to the footprint's corners; longer_m [n, 3]: by
-    how much the rays to these corners are longer; caustics [n]: number of focal lines between p and
-    q, 0 to 2 on each leg."""
+    transmitter, patch: indices [n]; faces [n, b]: faces of the body after the patch, in the order
+    met; points_m [n, b + 1, 3]: the path's corners from p to q; normal [n, 3]: that of the surface
+    at q; length_m [n]: path from p to q. root_m2 [n]: √(A_p A_q) of the areas of patch and
+    footprint, 0 for an invalid tube; edge_m [n, 3, 3]: vectors from q to the footprint's corners;
+    longer_m [n, 3]: by how much the rays to these corners are longer than that to q; caustics [n]:
+    number of focal lines between p and q, 0 to 2 between successive corners of the path.
+    """
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -69,9 +71,12 @@ class Tubes(NamedTuple):
 
 
 class Patches(NamedTuple):
-    """m triangles that act as mirrors. corners_m [m, 3, 3] and the unit normals of the smooth
-    surface there, normals [m, 3, 3]; middle_m [m, 3] and the unit normal there, normal [m, 3];
-    flat_m2 [m, 3]: the flat triangle's normal times its area."""
+    """m triangles that act as mirrors.
+
+    corners_m [m, 3, 3]: corners; normals [m, 3, 3]: unit normals of the smooth surface at the
+    corners; middle_m [m, 3]: middles; normal [m, 3]: unit normals of the smooth surface there;
+    flat_m2 [m, 3]: normal of the flat triangle times its area.
+    """
 
     corners_m: np.ndarray
     normals: np.ndarray
@@ -82,11 +87,13 @@ class Patches(NamedTuple):
 
 @njit(**FAST)
 def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untyped-def]
-    """Reflect the rays from an antenna [3] at the middles of patches. Returns the mask [n], over
-    `chosen` (indices [n]), of those that face both the antenna and the reflected ray.
+    """Reflect the rays from an antenna [3] at the middles of the patches with indices `chosen` [n].
+    Returns a boolean mask [n], True for patches that face both the antenna and the reflected ray.
 
-    Writes their reflected rays to the first rows of `ways` [n, 6]: origin (moved by the length
-    ahead_m along the ray, off the patch's own surface), then unit direction."""
+    The reflected rays of these patches are written to the first rows of `ways` [n, 6]: origin, then
+    unit direction. The origin is moved along the ray by the length ahead_m, so that the ray does
+    not meet its own patch.
+    """
     front, count = np.empty(len(chosen), np.bool_), 0
     antenna = vec(antenna_m)
     for n in range(len(chosen)):
@@ -103,14 +110,15 @@ def mirror(patches, antenna_m, chosen, ahead_m, ways):  # type: ignore[no-untype
 
 @njit(**FAST)
 def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """Follow ray tubes to their ends and fill in all columns of `tubes` that follow from
+    """Follow ray tubes to their ends, and fill in all fields of `tubes` that follow from
     transmitter, patch and faces. surface: all faces of the body as patches.
 
-    root_m2 stays 0 for tubes that end on the back of a face, whose corner rays miss the plane of
-    the footprint, or that are so far from specular that neighbouring tubes cancel them. With a
-    wavenumber above 0, the share of the field that creeping waves carry (see
-    `radar.simulation.physics.creeping`; they fade towards the argument `lit` < 0) is taken off the
-    tube's."""
+    root_m2 stays 0, which marks an invalid tube, for tubes that meet the back of a face, whose
+    corner rays miss the plane of the footprint, or that are so far from specular that neighbouring
+    tubes cancel them. With a wavenumber above 0, fields are reduced by the share that creeping
+    waves carry (`radar.simulation.physics.creeping`), which fade towards the argument `lit` < 0 of
+    Pekeris' function.
+    """
     corners, rays, late = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     bounces = tubes.faces.shape[1]
     for n in range(len(tubes.faces)):
@@ -172,8 +180,8 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
 
 @njit(inline="always")
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """Return the share, 0 to 1, of the field that a convex patch reflects as a ray: near grazing
-    incidence, creeping waves carry the rest."""
+    """Return the share, 0 to 1, of the incident field that a convex patch reflects as a ray. Near
+    grazing incidence it is less than 1, since creeping waves carry the rest."""
     flat, normal, middle = (
         vec(patches.flat_m2[patch]),
         vec(patches.normal[patch]),
@@ -199,8 +207,9 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
 
 @njit(inline="always")
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
-    """Reflect the rays through the corners of a footprint at the smooth normals there, extrapolated
-    beyond the face. Changes `rays` in place; returns True if all of them meet the front."""
+    """Reflect the rays through the corners of a footprint at the normals of the smooth surface
+    there, extrapolated beyond the face. The reflected directions are written to `rays`. Returns
+    True if all rays meet the front of the surface."""
     front = True
     for i in range(3):
         flat = vec(surface.flat_m2[face])
@@ -214,8 +223,8 @@ def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
-    """Return twice the area of a footprint, by its corners `edges` [3, 3]; negative if reflection
-    has reversed the order of the corners, which is counter-clockwise on the patch."""
+    """Return twice the area of a footprint with the corners `edges` [3, 3]. It is negative if
+    reflection has reversed the order of the corners, which is counter-clockwise on the patch."""
     origin = vec(edges[0])
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
@@ -257,20 +266,20 @@ def radiate(  # type: ignore[no-untyped-def]
     pattern,
     seen,
 ):
-    """Return the samples [k, 2, t, r] that ray tubes radiate (real part, then imaginary, at k
-    tones), without the phase of the paths before_m [t] + after_m [r]. Tubes are sorted by
-    transmitter: t has starts[t]:starts[t + 1].
+    """Compute the samples that ray tubes radiate to the receivers: float32 [k, 2, t, r], 2 for real
+    and imaginary part, at k tones. The phase of the paths before_m [t] + after_m [r] is left out.
+    Tubes are sorted by transmitter: those of t are starts[t]:starts[t + 1].
 
     factor complex64 [n]: multiplies each tube's amplitude, as does its row pair[n] of `reflection`,
-    complex64 [pairs, k]; turns_per_m [k]: tones as f/c, and `middle` their middle; pattern:
-    exponent q of the antennas' pattern cosᵠθ; seen [faces, r] float32: 1 where receiver r sees the
-    face.
+    complex64 [pairs, k]; turns_per_m [k]: tones as f/c; middle: their middle; pattern: exponent q
+    of the antennas' pattern cosᵠθ; seen [faces, r] float32: 1 where receiver r sees the face.
 
-    A footprint over which the phase is not even radiates less, D = (1 + v/8)⁻⁴ with v the variance
-    of the phase over it, taken as linear between its corners, at the middle frequency: the
-    footprint's own pattern to second order (1 − v/2), which fades where it would need a finer mesh.
-    The path is the mean over the footprint, were it quadratic: a twelfth of the sum of the corners'
-    above the middle's."""
+    A footprint over which the phase varies radiates less, by D = (1 + v/8)⁻⁴, where v is the
+    variance of the phase over it at the middle frequency, with the phase taken as linear between
+    the corners. This is the footprint's own pattern to second order (1 − v/2), and fades where a
+    finer mesh would be needed. The path is the mean over the footprint for a quadratic phase: that
+    at the middle plus a twelfth of the sum of the corners' differences from it.
+    """
     samples = np.zeros((len(turns_per_m), 2, len(tx_m), len(rx_m)), np.float32)
     gain, path = np.empty(len(rx_m), np.float32), np.empty(len(rx_m), np.float32)
     receivers = np.stack((rx_m[:, 0], rx_m[:, 1], rx_m[:, 2], after_m)).astype(np.float32)
@@ -325,9 +334,12 @@ def radiate(  # type: ignore[no-untyped-def]
 def _arrive(  # type: ignore[no-untyped-def]
     level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path
 ):
-    """Fill in `gain` and `path` [r], the amplitude and path of a tube at every receiver. receivers
-    [4, r]: x, y, z and the path that is taken out. Returns whether any receiver gets enough of it.
-    No loop here or in `_add` has an end that depends on its values: they become vector code."""
+    """Compute the amplitude and the path of a tube at every receiver, and write them to `gain` and
+    `path` [r]. Returns whether the amplitude is large enough at any receiver.
+
+    receivers [4, r]: x, y, z, and the path whose phase is left out. The loops here and in `_add`
+    have no end that depends on their values, so that they become vector code.
+    """
     zero, one, twelfth, clear = np.float32(0), np.float32(1), np.float32(1 / 12), np.float32(FAINT)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = edges
     count = zero
@@ -362,8 +374,8 @@ def _arrive(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
-    """Add the wave of a tube at one tone to the samples `re` and `im` [r] of all receivers. weight:
-    its complex amplitude; turns: −f/c."""
+    """Add the wave of a tube at one tone to the samples of all receivers, with real part `re` and
+    imaginary part `im` [r]. weight: complex amplitude of the wave; turns: −f/c."""
     real, imag = weight.real, weight.imag
     for r in range(len(re)):
         cosine, sine = cis_small(turns * path[r])

@@ -1,6 +1,6 @@
-"""Echoes of ray tubes, computed per bundle.
+"""Echoes of ray tubes with several bounces, computed for whole bundles of tubes.
 
-Tubes that start in one small cell of the target and land in another form a bundle. Its echo at few
+Tubes that start in one small cube of the target and end in another form a bundle. Its echo at few
 tones and few antennas determines all others, by interpolation as in `radar.imaging.tree`. Rays are
 traced for these antennas only, and bundles are summed at the few tones that represent the target.
 """
@@ -38,16 +38,18 @@ EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
 def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of the few transmitters from which rays are traced, and of the few
-    receivers from whose samples those of all others are interpolated. apart: factor on their
-    distances (15 mm)."""
+    """Choose the antennas for which rays are traced: (indices of transmitters, indices of
+    receivers). The samples of all other antennas are interpolated from those of the chosen ones.
+    apart: factor on the distances between chosen antennas (NODES_M)."""
     return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
 
 
 class Cells(NamedTuple):
-    """n points of the target sorted into c cubic cells of space, 30 mm wide. cell [n]: number of
-    each point's cell; centre_m [c, 3]: mean of the points in each; points_m: some of the points of
-    each cell."""
+    """n points of the target sorted into c cubes of space, 30 mm wide.
+
+    cell [n]: number of each point's cube; centre_m [c, 3]: mean of the points in each cube;
+    points_m: per cube, some of its points.
+    """
 
     cell: np.ndarray
     centre_m: np.ndarray
@@ -55,7 +57,7 @@ class Cells(NamedTuple):
 
     @classmethod
     def of(cls, points_m: np.ndarray) -> Cells:
-        """Sort points [n, 3] into cubic cells of space, 30 mm wide; cells without a point are left
+        """Sort points [n, 3] into cubes of space, 30 mm wide. Cubes without a point are left
         out."""
         corner = np.floor(points_m / CELL_M).astype(int)
         corner -= corner.min(axis=0, initial=0)
@@ -69,8 +71,11 @@ class Cells(NamedTuple):
 
 class LegWeights(NamedTuple):
     """Interpolation over the antennas of one leg (transmitters or receivers), for waves to or from
-    each cell of the target. distance_m [c, a]: from each cell's centre to each antenna; weights:
-    per cell, a matrix [nodes, a] from samples at a few antennas (nodes) to all."""
+    each cube of the target (`Cells`).
+
+    distance_m [c, a]: distances from each cube's centre to each antenna; weights: per cube, a
+    matrix [nodes, a] that interpolates samples at a few antennas (nodes) to all.
+    """
 
     distance_m: np.ndarray
     weights: list[np.ndarray]
@@ -79,7 +84,7 @@ class LegWeights(NamedTuple):
     def of(
         cls, cells: Cells, antennas_m: np.ndarray, at: np.ndarray, turns_per_m: float, ridge: float
     ) -> LegWeights:
-        """Compute the weights from the antennas at the indices `at` to all antennas [a, 3].
+        """Compute the interpolation from the antennas with indices `at` to all antennas_m [a, 3].
         turns_per_m: f/c of the highest tone; ridge: damping of the fit, which keeps weights
         small."""
         distance_m = np.linalg.norm(cells.centre_m[:, None] - antennas_m, axis=2)
@@ -92,16 +97,16 @@ class LegWeights(NamedTuple):
 
 
 class ToneSubset(NamedTuple):
-    """A few tones whose samples determine those at all tones. chosen: their indices [k]; weights
-    [k, f]: from them to all tones (empty if all tones are kept)."""
+    """A few tones whose samples determine those at all f tones. chosen [k]: their indices; weights
+    [k, f]: interpolate from them to all tones (empty if all tones are kept)."""
 
     chosen: np.ndarray
     weights: np.ndarray
 
     @classmethod
     def of(cls, turns_per_m: np.ndarray, reach_m: float) -> ToneSubset:
-        """Choose the tones for echoes whose paths differ by at most ±reach_m. turns_per_m [f]: f/c
-        of all tones."""
+        """Choose the tones that are enough for echoes whose paths differ by at most ±reach_m.
+        turns_per_m [f]: f/c of all tones."""
         if len(turns_per_m) <= 2:
             return cls(np.arange(len(turns_per_m)), EVERY)
         wavenumber = 2 * np.pi * turns_per_m[:, None]
@@ -111,8 +116,8 @@ class ToneSubset(NamedTuple):
         return cls(chosen, np.ascontiguousarray(weights, np.float32))
 
     def at(self, chosen: np.ndarray) -> np.ndarray:
-        """Return the columns [k, n] of the weights for some of all tones, by index (empty if all
-        are kept)."""
+        """Return the interpolation weights [k, n] for only those n of all tones that have the
+        indices `chosen`; empty if all tones are kept."""
         return (
             self.weights
             if self.weights.size == 0
@@ -121,12 +126,13 @@ class ToneSubset(NamedTuple):
 
 
 class Bundles:
-    """Traced rays in bundles: a bundle has the rays with the same number of reflections whose first
-    reflection is in the same cell of the target and whose last is in the same cell.
+    """Traced rays grouped into bundles. The rays of a bundle have the same number of reflections,
+    their first reflections are in the same small cube of the target, and so are their last ones.
 
     layer [faces]: number of the surface layer of each face of the body (thin skin or palm); at:
-    indices of the transmitters and receivers for which rays were traced; dipole [3]: direction of
-    the antennas' electric field."""
+    indices of the transmitters and of the receivers for which rays were traced; dipole [3]:
+    direction of the antennas' electric field.
+    """
 
     def __init__(
         self,
@@ -170,16 +176,17 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Compute the samples complex64 [f, t, r] of all bundles for an array that may differ a
-        little from the traced one: the places of reflection on the target are kept, since paths are
-        stationary there.
+        """Compute the sum of the echoes of all bundles: samples complex64 [f, t, r]. The antennas
+        of `array` may differ a little from those for which rays were traced: the places of
+        reflection are kept, since paths are stationary there.
 
         reflection [layers, f]: amplitude relative to metal at normal incidence (None: metal);
         pattern: exponent q of the antennas' pattern cosᵠθ; ratios: reflection at oblique incidence
-        over normal incidence, see `oblique_ratios`, for all layers or for the one material.
+        over that at normal incidence (`oblique_ratios`), for all layers or for the one material.
 
-        A metal mirror's −1 is one more for each reflection than the single echo has, to which
-        amplitudes are referred."""
+        Amplitudes are relative to a single echo of metal, so each further reflection multiplies by
+        the −1 of a metal mirror.
+        """
         if len(self) == 0:
             return np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         level = np.ones((self._count, len(frequencies_hz)), complex)
@@ -239,9 +246,12 @@ class Bundles:
         pattern: float,
         ratios: np.ndarray,
     ) -> np.ndarray:
-        """Return the samples [k, 2, t, r] (real, imaginary) of bundle n at the chosen tones and the
-        few traced antennas, without the phase of the path over the centres of its two cells.
-        products [pairs, f]: reflection for each sequence of layers."""
+        """Compute the samples of bundle n at the chosen tones and for the few traced antennas:
+        float32 [k, 2, t, r], 2 for real and imaginary part. The phase of the path via the centres
+        of the bundle's first and last cube is left out.
+
+        products [pairs, f]: product of the reflections for each sequence of layers.
+        """
         bundle, (first, last) = self._bundles[n], self._places[n]
         tubes = self._traced.tubes(bundle)
         tx_m, rx_m = array.tx_m[self._at[0]], array.rx_m[self._at[1]]
@@ -264,7 +274,7 @@ class Bundles:
 
 
 def _sorting(key: np.ndarray) -> np.ndarray:
-    """Indices [n] that sort small keys [n], stable."""
+    """Return the indices [n] that sort small integers `key` [n]; equal ones stay in order."""
     return np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
 
 
@@ -272,10 +282,13 @@ def _sorting(key: np.ndarray) -> np.ndarray:
 def _reach(  # type: ignore[no-untyped-def]
     hits, order, starts, places, tx_m, start_m, first_m, last_m
 ):
-    """Return for each bundle b, whose rays are order[starts[b]:starts[b + 1]], the mean length of
-    its rays on the target, and the most by which a ray's path may differ, for any antennas, from
-    that over the centres of its first and last cell (rows of first_m and last_m, by `places` [b,
-    2])."""
+    """Return for each bundle the mean length of its rays on the target, and a bound on how much a
+    ray's path can differ, for any antennas, from the path via the centres of the bundle's first and
+    last cube: ([b], [b]), metres.
+
+    The rays of bundle b are order[starts[b]:starts[b + 1]]; places [b, 2]: rows of its cubes'
+    centres in first_m and last_m.
+    """
     length_m, reach_m = np.zeros(len(places)), np.zeros(len(places))
     for b in range(len(places)):
         begin, end = vec(first_m[places[b, 0]]), vec(last_m[places[b, 1]])
@@ -299,8 +312,8 @@ def _weights(
     turns_per_m: float,
     ridge: float,
 ) -> np.ndarray:
-    """Return the matrix [nodes, a] that interpolates the waves of points [n, 3] near a centre [3],
-    from the antennas with the indices `at` to all antennas [a, 3]; empty if these are all. ridge:
+    """Compute the matrix [nodes, a] that interpolates the waves of points [n, 3] near a centre [3]
+    from the antennas with indices `at` to all antennas [a, 3]; empty if these are all. ridge:
     damping of the fit."""
     if len(at) == len(antennas_m):
         return EVERY

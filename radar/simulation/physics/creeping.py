@@ -1,19 +1,20 @@
-"""Creeping waves around the round edges of a body, in addition to the diffraction of a knife edge.
+"""Waves that creep around the round edges of a body, in addition to the diffraction of a knife
+edge.
 
 Behind an edge with a radius of curvature a along the ray, the field over that without the body is a
 knife edge's and
 
     −m √(2/kL) e^{−jπ/4} p*(mθ) e^{−jkδ},   m = (ka/2)^{1/3},   L = ss'/(s + s'),
 
-with θ the angle by which the ray bends and s and s' its lengths before and behind the edge (Pathak,
-Radio Sci. 14 (1979) 419); the detour of all waves is longer by the arc, aθ³/6. Along a straight
-edge the stationary phase, √(2πL/k) e^{−jπ/4}, makes that of −(m/√π) p*(mθ) dl/L e^{−jkδ} for each
-of its elements dl. Pekeris' function,
+with θ the angle by which the ray bends, s and s' its lengths before and behind the edge, and δ its
+detour (Pathak, Radio Sci. 14 (1979) 419); the detour of all waves is longer by the arc, aθ³/6. By
+the stationary phase along a straight edge, √(2πL/k) e^{−jπ/4}, this is the sum over the edge's
+elements dl of −(m/√π) p*(mθ) dl/L e^{−jkδ}. Pekeris' function,
 
     p*(ξ) = 1/√π ∫ (V' − qV)/(W₂' − qW₂) e^{−jξτ} dτ,
 
 has q = −jm/η for a field along the edge and −jmη for one across, with η the impedance of the
-surface over that of free space: 0 of metal. It is continued beyond the shadow's edge, θ < 0, to
+surface over that of free space: 0 for metal. It is continued beyond the shadow's edge, θ < 0, to
 where it becomes the ray that the edge mirrors.
 """
 
@@ -39,11 +40,13 @@ SHARP = np.cos(np.radians(30))
 
 
 class Roundness(NamedTuple):
-    """Curvature of a body, and its creeping waves. normals [n, 3] at the vertices; bends_per_m [n,
-    3, 3]: their derivatives along the surface; coefficients [2, m, terms]: polynomials that
-    approximate Pekeris' function p* for some radii, for an electric field along an edge first, then
-    across it; dipole [3]: direction of the antennas' field; wavenumber: for which all this
-    holds."""
+    """The curvature of a body's surface, and what its creeping waves need.
+
+    normals [n, 3]: unit normals at the vertices; bends_per_m [n, 3, 3]: their derivatives along the
+    surface; coefficients [2, m, terms]: polynomials that approximate Pekeris' function p* for
+    several radii, for an electric field along an edge and for one across it; dipole [3]: direction
+    of the antennas' field; wavenumber: the one for which all this is valid, rad/m.
+    """
 
     normals: np.ndarray
     bends_per_m: np.ndarray
@@ -54,13 +57,14 @@ class Roundness(NamedTuple):
     def of_edges(
         self, ends: np.ndarray, along_m: np.ndarray, towards: np.ndarray, sharp: np.ndarray
     ) -> np.ndarray:
-        """Return the parameters of the creeping waves around edges: float32 [e, 5 + 2·terms].
+        """Compute the parameters of the creeping waves around edges: float32 [e, 5 + 2·terms].
 
-        ends: the edges' vertices [e, 2]; along_m [e, 3]: from one to the other; towards [e, 3]:
-        unit direction from the antenna; sharp: mask [e] of knife edges. Each row has the unit
-        normal [3] across the ray; the size m = (ka/2)^{1/3} (0: no creeping wave, as at a sharp
-        edge); the largest 1/L; and the real, then the imaginary coefficients of what the edge adds
-        over e^{−jkδ}/L, in powers of ξ."""
+        ends [e, 2]: indices of the edges' vertices; along_m [e, 3]: vectors from one end to the
+        other; towards [e, 3]: unit directions from the antenna; sharp [e]: True for knife edges. A
+        row has the unit normal [3] across the ray; the size m = (ka/2)^{1/3}, or 0 without creeping
+        wave, as at a sharp edge; the largest 1/L; and the coefficients, real and then imaginary
+        ones, of a polynomial in ξ: the creeping wave divided by e^{−jkδ}/L.
+        """
         across = self.normals[ends].sum(axis=1)
         across = unit(across - (across * towards).sum(axis=1)[:, None] * towards)
         bend_per_m = np.einsum("ei,evij,ej->e", towards, self.bends_per_m[ends], towards) / 2
@@ -86,17 +90,19 @@ class Roundness(NamedTuple):
 
 
 def roundness_of(scene: EchoScene, body: Body) -> Roundness:
-    """Return the curvature of a body and its creeping waves at the scene's middle frequency,
-    computed once per scene. A body of skin counts as thin skin."""
+    """Return the curvature of a body and the parameters of its creeping waves at the scene's middle
+    frequency, computed once per scene. A body of skin is treated as thin skin everywhere."""
     return scene.cached(("roundness", id(body)), lambda: _roundness(scene, body))
 
 
 def pekeris(xi: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Return Pekeris' function [n, m] at the arguments ξ [n], for coefficients c and s [m] that
-    depend on polarisation and impedance: 1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ.
+    """Compute Pekeris' function at the arguments ξ [n], for coefficients c and s [m] that depend on
+    polarisation and impedance: complex [n, m], 1/√π ∫ (cV' − sV)/(cW₂' − sW₂) e^{−jξτ} dτ.
 
-    The integral goes from infinity along the ray of argument −2π/3, where V is W₁/2j but for a term
-    that is the knife edge's, to 0, and on along the real axis."""
+    The path of integration comes from infinity along the ray of argument −2π/3 to 0 and goes on
+    along the real axis. On the ray, V is replaced by W₁/2j; the difference is the knife edge's
+    term.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(40)
     # beyond 8 nothing is left
     nodes, weights, turn = (4 * (nodes + 1), 4 * weights[:, None], np.exp(1j * np.pi / 3))
@@ -133,8 +139,8 @@ def _roundness(scene: EchoScene, body: Body) -> Roundness:
 
 @njit(nogil=True, cache=True)
 def _bends_per_m(vertices_m, faces, normals):  # type: ignore[no-untyped-def]
-    """Return the derivatives [n, 3, 3] in 1/m of the unit normals [n, 3] along the surface, at each
-    vertex: the mean over the faces around it, weighted by their areas."""
+    """Compute the derivatives of the unit normals [n, 3] along the surface, at each vertex: [n, 3,
+    3] in 1/m. They are means over the faces around the vertex, weighted by area."""
     summed_m, area_m2 = np.zeros((len(vertices_m), 3, 3)), np.full(len(vertices_m), 1e-30)
     for m in range(len(faces)):
         a, b, c = (

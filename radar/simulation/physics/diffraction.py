@@ -1,15 +1,14 @@
-"""Diffraction at the outlines of a body: the share of an antenna's field at points behind or next
-to it.
+"""Diffraction at the outlines of a body: the field of an antenna at points behind or next to the
+body, relative to the field without it.
 
-Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
+It is Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
 screen's outline (Maggi, Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small
-angles, with δ the detour by way of the outline and φ its angle around the ray from antenna to
-point,
+angles, with δ the detour via the outline and φ its angle around the ray from antenna to point,
 
     D = V + (1/2π) Σ_edges ∫ e^{−jkδ} dφ,
 
-where V is 1 in sight and 0 in the shadow. The jump of V where the ray crosses the outline is that
-of ∫dφ by 2π: D is smooth there, ½ beside a straight edge, which gives ½ erfc(√(jkδ)) in the shadow:
+where V is 1 in sight and 0 in the shadow. Where the ray crosses the outline, V jumps by 1 and ∫dφ
+by 2π, so that D is smooth there: ½ at a straight edge, which gives ½ erfc(√(jkδ)) in the shadow,
 Fresnel's knife edge.
 
 An edge contributes if the antenna sees it, and only to points no farther than the surface that the
@@ -39,10 +38,13 @@ T0, T1, T2, T3, T4 = map(np.float32, (0.15915007, -0.05278828, 0.02946036, -0.01
 
 
 class Edges(NamedTuple):
-    """The edges of a body's mesh between two faces. ends [e, 2]: indices of vertices, in the order
-    of the first face; faces [e, 2]; outwards [e, 3]: mean direction of both faces' normals; sharp
-    [e]: whether the faces meet at such an angle that the edge diffracts like a knife; planes [m,
-    4]: plane (n, d) of every face of the mesh, with n·x > d in front of it."""
+    """The edges of a body's mesh, each between two faces.
+
+    ends [e, 2]: indices of vertices, in the order of the first face; faces [e, 2]: indices of the
+    two faces; outwards [e, 3]: mean direction of both faces' normals; sharp [e]: whether the faces
+    meet at such an angle that the edge diffracts like a knife; planes [m, 4]: plane (n, d) of every
+    face of the mesh, with n·x > d in front of it.
+    """
 
     ends: np.ndarray
     faces: np.ndarray
@@ -52,11 +54,14 @@ class Edges(NamedTuple):
 
 
 class Outline(NamedTuple):
-    """Outline of a body as an antenna sees it: the edges between a face turned towards the antenna
-    and one turned away. start_m [n, 3] and along_m [n, 3], from start to end, counter-clockwise as
-    the antenna sees the body; beside_m [n, 3]: points just outside the edges; within_m [n]: largest
-    distance from the antenna of points that an edge diffracts to; creeping [n, 17]: parameters of
-    creeping waves, see `Roundness.of_edges`."""
+    """The outline of a body as an antenna sees it: the edges between a face turned towards the
+    antenna and one turned away.
+
+    start_m [n, 3]: starts of the edges; along_m [n, 3]: vectors from start to end,
+    counter-clockwise as the antenna sees the body; beside_m [n, 3]: points just outside the edges;
+    within_m [n]: largest distance from the antenna of points to which an edge diffracts; creeping
+    [n, 17]: parameters of creeping waves, from `Roundness.of_edges`.
+    """
 
     start_m: np.ndarray
     along_m: np.ndarray
@@ -65,8 +70,8 @@ class Outline(NamedTuple):
     creeping: np.ndarray
 
     def where(self, chosen: np.ndarray, within_m: np.ndarray | float = np.inf) -> Outline:
-        """Return the outline with the edges that a mask [n] selects. within_m: new limits [n] of
-        the distance from the antenna up to which the edges diffract."""
+        """Return the outline with only the edges where the mask `chosen` [n] is True. within_m [n]:
+        new limits of the distance from the antenna up to which the edges diffract."""
         limits_m = np.broadcast_to(within_m, len(chosen))[chosen]
         return Outline(
             self.start_m[chosen],
@@ -78,10 +83,13 @@ class Outline(NamedTuple):
 
 
 class PointCells(NamedTuple):
-    """n points sorted into cubic cells of space. order [n]: the points' original indices, cell by
-    cell; position_m [3, n]: their places from their cell's centre, in this order; starts [cells +
-    1]: where each cell begins; centre_m [cells, 3]: mean of a cell's points; radius_m [cells]:
-    their largest distance from it."""
+    """n points sorted into cubes of space.
+
+    order [n]: the points' original indices, cube by cube; position_m [3, n]: their positions
+    relative to the centre of their cube, in this order; starts [cubes + 1]: where the points of
+    each cube begin; centre_m [cubes, 3]: mean of a cube's points; radius_m [cubes]: their largest
+    distance from it.
+    """
 
     order: np.ndarray
     position_m: np.ndarray
@@ -91,7 +99,7 @@ class PointCells(NamedTuple):
 
 
 def edges_of(body: Body) -> Edges:
-    """Find the edges of a body's mesh that two faces share. The rims of an open mesh are left
+    """Return the edges of a body's mesh that two faces share. The rims of an open mesh are left
     out."""
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     order = np.lexsort(np.sort(directed, axis=1).T)
@@ -108,7 +116,7 @@ def edges_of(body: Body) -> Edges:
 
 
 def cached_edges(scene: EchoScene, body: Body) -> Edges:
-    """Return the edges of a body's mesh, found once per scene."""
+    """Return the edges of a body's mesh, computed once per scene."""
     return scene.cached(("edges", id(body)), lambda: edges_of(body))
 
 
@@ -116,8 +124,8 @@ def outline(
     body: Body, edges: Edges, antenna_m: np.ndarray, roundness: Roundness | None = None
 ) -> Outline:
     """Return the whole outline of a body as seen from an antenna [3], including parts that are
-    hidden. roundness: curvature of the body, for creeping waves; None: all edges diffract like a
-    knife's."""
+    hidden from it. roundness: curvature of the body, for creeping waves; with None, all edges
+    diffract like knife edges."""
     front = edges.planes @ [*antenna_m, -1.0] > 0
     first, second = front[edges.faces].T
     ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
@@ -136,9 +144,9 @@ def outline(
 
 
 def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """Return the edges of an outline that the antenna [3] sees past the obstacles of `rays`. Each
-    then diffracts only to points no farther away than the surface that the antenna sees next to
-    it."""
+    """Return only those edges of an outline that the antenna [3] sees past the obstacles of `rays`.
+    Each of them is limited to diffract only to points no farther away than the surface that the
+    antenna sees next to it."""
     beside_m = whole.beside_m - antenna_m
     distance_m = np.linalg.norm(beside_m, axis=1)
     hit, _ = rays.first_hits(
@@ -148,8 +156,8 @@ def visible_outline(whole: Outline, rays: Rays, antenna_m: np.ndarray) -> Outlin
 
 
 def cells_of(points_m: np.ndarray, cell_m: float) -> PointCells:
-    """Sort points [n, 3] into cubic cells of the width cell_m. The points of a cell share one list
-    of the edges that diffract to them."""
+    """Sort points [n, 3] into cubes of space with the width cell_m. All points of a cube then share
+    one list of the edges that diffract to them."""
     place = np.floor((points_m - points_m.min(axis=0)) / cell_m).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
@@ -169,13 +177,14 @@ def edge_waves(
     farthest: float = FARTHEST,
     widest: float = WIDEST,
 ) -> np.ndarray:
-    """Compute the field that the edges of an outline diffract to points, over the antenna's own
-    field there: (1/2π) Σ ∫ e^{−jkδ} dφ, plus creeping waves. Returns complex64 [k, n] for each
-    wavenumber [k], in the original order of the points.
+    """Compute the field that the edges of an outline diffract to points, over the field of the
+    antenna there without obstacles: complex64 [k, n], for each wavenumber [k], in the original
+    order of the points. It is (1/2π) Σ ∫ e^{−jkδ} dφ, plus creeping waves.
 
-    farthest, widest: limits of kδ (δ: detour over the edge) and of the tangent of the angle by
-    which the edge bends the ray; waves fade out from half of a limit to the limit. Amplitudes are
-    those at the middle wavenumber."""
+    farthest, widest: limits of kδ (δ: detour via the edge) and of the tangent of the angle by which
+    the edge bends the ray; waves fade out from half of a limit to the limit. Amplitudes are those
+    at the middle wavenumber.
+    """
     waves = np.zeros((2, len(wavenumbers), len(cells.order)), np.float32)
     if len(edges.start_m) > 0:
         start_m, middle = (
@@ -200,10 +209,13 @@ def edge_waves(
 def _waves(  # type: ignore[no-untyped-def]
     antenna_m, position_m, starts, centre_m, radius_m, edges, turns_per_m, wavenumber, limits, waves
 ):
-    """Fill in `waves` [2, k, n] (real, imaginary) cell by cell, with the edges that matter for the
-    cell's points. edges: start, direction, normal_m2 [e, 3] = along × start, distance limit and
-    creeping parameters, all from the antenna; limits: of kδ, of the bend, and of the creeping
-    waves' argument."""
+    """Compute the field that edges diffract to points, cube by cube, with only those edges that
+    matter for the points of the cube. It is written to `waves` [2, k, n] (real, imaginary part).
+
+    edges: (start_m, along_m, along × start, limits of the distance, creeping parameters), all
+    relative to the antenna; limits: (of kδ, of the bend's tangent, least and largest argument of
+    creeping waves).
+    """
     start_m, along_m, normal_m2, within_m, creeping = edges
     farthest, widest, lit, deep = limits
     middle_m, latest_m, near = (
@@ -232,8 +244,9 @@ def _waves(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
-    """Mark in `near` the edges that matter for some point of a cell: those that bend the ray to it
-    by a tangent of at most `widest` and lengthen it by at most latest_m."""
+    """Set `near` [e] to True for the edges that matter for some point of a cube (centre, radius_m):
+    those that bend the ray to it by a tangent of at most `widest` and lengthen it by at most
+    latest_m."""
     (mx, my, mz), within_m = middles[0], middles[1]
     way = np.float32(np.sqrt((centre * centre).sum()))
     cx, cy, cz = (
@@ -262,11 +275,14 @@ def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no
 def _angles(  # type: ignore[no-untyped-def]
     scratch, x, y, z, centre, edge, widest, wavenumber, farthest
 ):
-    """Fill in `scratch` [5, n] for one edge and each of n points (x, y, z from the cell's centre):
-    the angle of the edge around the ray, over 2π, times its weight; 0; the detour over the edge;
-    the weight of its wave; and 1/L, the sum of the inverse lengths before and behind the edge. The
-    weight is reduced where the phase turns from one end of the edge to the other, and 0 where the
-    edge does not count."""
+    """Compute the contribution of one edge to each of n points (x, y, z relative to the cube's
+    centre), and write it to `scratch` [5, n].
+
+    The rows are: the angle of the edge around the ray, over 2π, times the weight of its wave; 0;
+    the detour via the edge; the weight; and 1/L, the sum of the inverse lengths before and behind
+    the edge. The weight is smaller where the phase differs between the ends of the edge, and 0
+    where the edge does not count.
+    """
     start, along, normal, within = edge
     cx, cy, cz = np.float32(centre[0]), np.float32(centre[1]), np.float32(centre[2])
     ax, ay, az = (
@@ -329,8 +345,13 @@ def _angles(  # type: ignore[no-untyped-def]
 def _creep(  # type: ignore[no-untyped-def]
     scratch, x, y, z, middle, creeping, wavenumber, least, most
 ):
-    """Add to `scratch` the waves that creep around one edge to the points (x, y, z from the cell's
-    centre). middle: the edge's middle from there; creeping: its row of `Roundness.of_edges`."""
+    """Add the waves that creep around one edge to the wave of this edge at n points, which have the
+    coordinates x, y, z relative to the cube's centre.
+
+    The wave is stored in `scratch` [5, n]: real and imaginary amplitude, detour, weight, 1/L.
+    middle: the edge's middle relative to the same centre; creeping: parameters of the edge's
+    creeping wave, a row of `Roundness.of_edges`.
+    """
     mx, my, mz = np.float32(middle[0]), np.float32(middle[1]), np.float32(middle[2])
     nx, ny, nz, size, nearest = creeping[0], creeping[1], creeping[2], creeping[3], creeping[4]
     r0, r1, r2, r3, r4, r5 = (
@@ -367,8 +388,8 @@ def _creep(  # type: ignore[no-untyped-def]
 
 @njit(**FAST)
 def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
-    """Add the waves of one edge at one tone to the fields `re` and `im` [n] at the points.
-    turns_per_m: k/2π."""
+    """Add the wave of one edge at one tone to the fields at the points, with real part `re` and
+    imaginary part `im` [n]. turns_per_m: k/2π."""
     scale = np.float32(turns_per_m)
     for p in range(len(re)):
         cosine, sine = cis_small(scale * scratch[2, p])

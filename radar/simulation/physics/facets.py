@@ -1,4 +1,5 @@
-"""A body's surface as facets small against the wavelength."""
+"""The surface of a body as facets that are small against the wavelength, with normals, areas and
+volumes of meshes."""
 
 from __future__ import annotations
 
@@ -19,9 +20,11 @@ FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
 
 @dataclass(frozen=True)
 class Facets:
-    """A body's surface as p small flat pieces. position_m [p, 3]: centres; area_m2 [p]; normal [p,
-    3]: outward unit vectors, interpolated between the vertices; face [p]: index of the mesh's face
-    that each is a part of."""
+    """The surface of a body as p small flat pieces.
+
+    position_m [p, 3]: centres; area_m2 [p]; normal [p, 3]: outward unit vectors, interpolated
+    between the mesh's vertices; face [p]: index of the mesh's face that each facet is a part of.
+    """
 
     position_m: np.ndarray
     area_m2: np.ndarray
@@ -37,16 +40,16 @@ class Facets:
         return Scatterers(self.position_m, self.area_m2, self.normal)
 
     def where(self, chosen: np.ndarray) -> Facets:
-        """Return the facets that a mask [p] or indices select."""
+        """Return the facets that a mask [p] or indices `chosen` select."""
         return Facets(
             self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen]
         )
 
 
 def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
-    """Divide faces of a body (those at the indices `faces`, or all) into facets: each face is split
-    n times into four, until no edge is longer than longest_m. Raises HandbenchError for more than 4
-    million facets."""
+    """Divide faces of a body (those with the indices `faces`, or all) into facets: each face is
+    split into four, repeatedly, until no edge is longer than longest_m. Raises HandbenchError for
+    more than MOST_FACETS facets."""
     chosen = np.arange(len(body.faces)) if faces is None else faces
     corners = body.vertices_m[body.faces[chosen]]
     edges_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0)
@@ -66,24 +69,24 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
 
 
 def join_facets(parts: Sequence[Facets]) -> Facets:
-    """All facets of the parts, one part after another."""
+    """Return all facets of the parts in one object, one part after another."""
     return Facets(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Each face's outward normal times its area [m, 3]."""
+    """Return the outward normal of each face times its area: [m, 3], m²."""
     a, b, c = (vertices_m[faces[:, i]] for i in range(3))
     return np.cross(b - a, c - a) / 2
 
 
 def volume_m3(body: Body) -> float:
-    """The volume of a closed body."""
+    """Return the volume of a closed body."""
     vectors = face_vectors(body.vertices_m, body.faces)
     return abs(float((vectors * body.vertices_m[body.faces[:, 0]]).sum())) / 3
 
 
 def convex(body: Body) -> bool:
-    """True for a convex body: it fills its convex hull, or is flat."""
+    """Return True for a convex body: one that fills its convex hull, or is flat."""
     volume, vertices_m = volume_m3(body), body.vertices_m
     return all(
         volume >= FILLED * _hull_m3(some)
@@ -92,7 +95,7 @@ def convex(body: Body) -> bool:
 
 
 def _hull_m3(points_m: np.ndarray) -> float:
-    """The volume of the hull of points [n, 3]; 0 where it is flat."""
+    """Return the volume of the convex hull of points [n, 3]; 0 if they are in one plane."""
     try:
         return float(ConvexHull(points_m).volume)
     except QhullError:
@@ -126,8 +129,8 @@ def _split(
 
 
 def _centres(splits: int) -> np.ndarray:
-    """Barycentric coordinates [4ⁿ, 3] of the centres of a triangle split n times at its edges'
-    midpoints."""
+    """Return the barycentric coordinates [4ⁿ, 3] of the centres of the parts of a triangle that is
+    split into four, n = `splits` times, at its edges' midpoints."""
     triangles = np.eye(3)[None]
     for _ in range(splits):
         triangles = quarters(triangles)
@@ -135,7 +138,7 @@ def _centres(splits: int) -> np.ndarray:
 
 
 def quarters(corners: np.ndarray) -> np.ndarray:
-    """Triangles [m, 3, 3], each split into four at its edges' midpoints: [4·m, 3, 3]."""
+    """Split triangles [m, 3, 3] each into four at its edges' midpoints: [4·m, 3, 3]."""
     a, b, c = (corners[:, i] for i in range(3))
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate(
@@ -144,6 +147,6 @@ def quarters(corners: np.ndarray) -> np.ndarray:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Normalise vectors [..., 3]; 0 stays 0."""
+    """Scale vectors [..., 3] to length 1; zero vectors stay zero."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1)

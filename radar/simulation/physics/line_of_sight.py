@@ -2,8 +2,8 @@
 
 Rays are cast to the vertices of the mesh, first from few antennas: where two antennas of a line
 agree, those between them are assumed to agree. Faces whose corners disagree, and coarse faces, are
-then tested per facet. Missed are only obstacles narrower than a fine face, or so thin that their
-shadow on the array is narrower than the distance of the first antennas.
+then tested facet by facet. Only obstacles are missed that are narrower than a fine face, or so thin
+that their shadow on the array is narrower than the distance of the first antennas.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def rays_of(scene: EchoScene, body: Body) -> Rays:
 
 
 def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """Return the mask [a, p] of the facets that each antenna sees: their face is turned towards the
-    antenna, and nothing is in between. rays: ray caster of the obstacles."""
+    """Return a boolean mask [a, p], True for the facets that each antenna sees: their face is
+    turned towards the antenna, and nothing is in between. rays: ray caster of the obstacles."""
     faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
     used, corners = np.unique(body.faces[faces], return_inverse=True)
     clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
@@ -52,9 +52,12 @@ def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarr
 def points_in_sight(
     rays: Rays, points_m: np.ndarray, antennas_m: np.ndarray, stride_m: float = STRIDE_M
 ) -> np.ndarray:
-    """Return the mask [a, n] of the points that have a clear line of sight to each antenna.
+    """Return a boolean mask [a, n], True for the points that have a clear line of sight to each
+    antenna.
+
     Antennas about stride_m apart are tested first; where two neighbours of these agree, those
-    between them are taken to agree."""
+    between them are assumed to agree.
+    """
     clear = np.empty((len(antennas_m), len(points_m)), bool)
     for line in lines(antennas_m):
         step_m = np.linalg.norm(np.diff(antennas_m[line], axis=0), axis=1).max(initial=0)
@@ -72,8 +75,8 @@ def points_in_sight(
 
 
 def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
-    """Divide antennas [a, 3] into straight lines: arrays of successive indices. A new one begins
-    where the distance to the antenna before is more than twice the median."""
+    """Divide antennas [a, 3] into straight lines: a list of arrays of successive indices. A new
+    line begins where the distance to the antenna before is more than twice the median distance."""
     if len(antennas_m) < 2:
         return [np.arange(len(antennas_m))]
     steps_m = np.linalg.norm(np.diff(antennas_m, axis=0), axis=1)
@@ -83,17 +86,16 @@ def lines(antennas_m: np.ndarray) -> list[np.ndarray]:
 
 
 def evenly_spaced(line_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose antennas of one line [a, 3] at even distances of at most apart_m, both ends included.
-    Returns their indices, and the distance of each of the line's antennas from its start in metres
-    [a]."""
+    """Choose evenly spaced antennas of one line [a, 3], at most apart_m apart, including both ends:
+    (their indices, distance of each of the line's antennas from its start [a] in metres)."""
     along_m = np.concatenate([[0.0], np.linalg.norm(np.diff(line_m, axis=0), axis=1).cumsum()])
     count = min(len(line_m), 1 + int(np.ceil(along_m[-1] / apart_m)))
     return np.linspace(0, len(line_m) - 1, count).round().astype(int), along_m
 
 
 def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
-    """Return the indices of antennas chosen evenly along each line of the antennas [a, 3], about
-    apart_m apart, the lines' ends included."""
+    """Choose antennas evenly along each line of the antennas [a, 3], about apart_m apart, including
+    the lines' ends: their indices."""
     return np.concatenate(
         [line[evenly_spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
     )
@@ -101,8 +103,8 @@ def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
-    """Count the visible corners of each face: uint8 [m]. clear: mask [n] of the visible points;
-    corners [m, 3]: indices of points."""
+    """Count the visible corners of each face: uint8 [m]. clear [n]: True for visible points;
+    corners [m, 3]: indices of the faces' corners among these points."""
     count = np.zeros(len(corners), np.uint8)
     for m in range(len(corners)):
         for i in range(3):

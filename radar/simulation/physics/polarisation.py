@@ -1,11 +1,12 @@
-"""Polarisation of echoes over several places: the field of short dipoles, reflected by each mirror
-at its own angle.
+"""Polarisation of echoes over several places: the field of short dipoles is reflected by each
+mirror at its own angle of incidence.
 
-A mirror whose normal is that between a ray and where it goes on, h = (k' − k)/|k' − k|, keeps the
-field across the plane of incidence, s = k × h, and turns the one along it, each times Γ of its
-polarisation; Γ of the latter is here that of the component along the surface, so that both agree at
-normal incidence. At 45°, where fingers mirror onto each other, Γ² of skin is 2.8 dB above that of
-normal incidence for the one and 4.0 dB below for the other.
+At a mirror that turns a ray from direction k to k', the normal is h = (k' − k)/|k' − k|. The field
+component across the plane of incidence, along s = k × h, keeps its direction; the component in that
+plane turns with the ray. Each is multiplied by the Γ of its polarisation; for the second one, Γ is
+that of the component along the surface, so that both agree at normal incidence. At 45°, where
+fingers mirror onto each other, Γ² of skin is 2.8 dB above that of normal incidence for the first
+component and 4.0 dB below for the second.
 """
 
 from __future__ import annotations
@@ -22,14 +23,15 @@ LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one o
 def tube_factors(
     tubes: Tubes, tx_m: np.ndarray, dipole: np.ndarray, ratios: np.ndarray, layers: np.ndarray
 ) -> np.ndarray:
-    """Return the complex64 factors [n] by which polarisation, angles of incidence and caustics
-    change the amplitudes of ray tubes, in the direction in which the last place would mirror them;
-    1 for metal with the field across every plane of incidence.
+    """Compute the factors by which polarisation, angles of incidence and caustics change the
+    amplitudes of ray tubes: complex64 [n]. For metal with the field across every plane of incidence
+    they are 1. The direction of observation is that in which the last place would mirror the tube.
 
     dipole [3]: direction of both antennas' electric field; ratios [layers, 2, cosines]: reflection
-    over that at normal incidence at evenly spaced cosines of incidence from 0 to 1, the field
-    across the plane of incidence first (see `oblique_ratios`); layers [n, b + 1]: surface layer at
-    each place that a tube meets."""
+    over that at normal incidence, for the field across the plane of incidence and in it, at evenly
+    spaced cosines of incidence from 0 to 1 (`oblique_ratios`); layers [n, b + 1]: surface layer at
+    each place that a tube meets.
+    """
     factors = np.zeros(len(tubes.patch), np.complex64)
     _fill(tubes, tx_m, np.asarray(dipole, float), ratios, layers, factors)
     return factors
@@ -57,8 +59,8 @@ def _fill(tubes, tx_m, dipole, ratios, layers, factors):  # type: ignore[no-unty
 
 @njit(inline="always")
 def _across(dipole, ray):  # type: ignore[no-untyped-def]
-    """Return the unit electric field that a short dipole radiates along a unit ray: its direction
-    without the part along the ray."""
+    """Return the direction of the electric field that a short dipole radiates along a unit ray: the
+    unit vector of the dipole's component across the ray."""
     whole = vec(dipole)
     return direction(ahead(whole, -dot(whole, ray), ray))[0]
 
@@ -66,8 +68,8 @@ def _across(dipole, ray):  # type: ignore[no-untyped-def]
 @njit(**FAST)
 def _reflected(field, before, after, ratio):  # type: ignore[no-untyped-def]
     """Return the field [3] of a ray after a mirror that turns it from the direction `before` to
-    `after`. ratio [2, cosines]: reflection at each cosine of incidence, of the part of the field
-    across the plane of incidence and of the part in it."""
+    `after`. ratio [2, cosines]: reflection, by cosine of incidence, of the field component across
+    the plane of incidence and of the component in it."""
     normal = direction(minus(after, before))[0]
     across, sine = direction(cross(before, normal))
     if sine < LEAST_SINE:

@@ -1,4 +1,5 @@
-"""Ray tubes from every transmitter over mirrors onto the same body, traced once."""
+"""Tracing of ray tubes from every transmitter over patches of the body that act as mirrors, and on
+to other parts of the same body."""
 
 from __future__ import annotations
 
@@ -27,10 +28,13 @@ STRIDE_M = 0.08  # distance of the antennas whose line of sight is tested first
 
 
 class Hits(NamedTuple):
-    """n rays from transmitters that a patch (a small mirror on the body) reflects back onto the
-    body. transmitter, patch: indices [n]; faces [n, b]: of the body, in the order met (−1: none);
-    end_m [n, 3]: where the ray meets the last of them; length_m [n]: path from the patch to
-    there."""
+    """n rays from transmitters that a patch (a triangle of the body that acts as a mirror) reflects
+    back onto the body.
+
+    transmitter, patch: indices [n]; faces [n, b]: the body's faces that a ray meets after the
+    patch, in order (−1: none); end_m [n, 3]: where it meets the last of them; length_m [n]: length
+    of the path from the patch to there.
+    """
 
     transmitter: np.ndarray
     patch: np.ndarray
@@ -39,15 +43,18 @@ class Hits(NamedTuple):
     length_m: np.ndarray
 
     def where(self, chosen: np.ndarray) -> Hits:
-        """Return the rays that a mask [n] or indices select."""
+        """Return the rays that a mask [n] or indices `chosen` select."""
         return Hits(*(column[chosen] for column in self))
 
 
 class Mirrors(NamedTuple):
-    """m patches of the body that reflect antennas onto the body. part [m]: index of the coarse
-    patch of which each was split off; bounces: for each coarse patch, the number of reflections
-    after its own that matter; face [m]: the body's face; surface: all faces of the body as
-    patches."""
+    """The m patches (triangles) of a body that reflect waves from the antennas onto the body
+    itself.
+
+    coarse: larger patches, of which `patches` are parts; part [m]: index of the coarse patch that
+    each is a part of; bounces: for each coarse patch, how many reflections after its own matter;
+    face [m]: index of the body's face; surface: all faces of the body as patches.
+    """
 
     patches: Patches
     coarse: Patches
@@ -59,10 +66,12 @@ class Mirrors(NamedTuple):
 
 @dataclass(frozen=True)
 class RayTrace:
-    """Traced rays: those that meet one face of the body after the mirror first, then those that
-    meet two, and so on, each in the order of the transmitters of `array`. seen float32 [faces, r]:
-    1 where a receiver sees the face; wavenumber: in rad/m where waves also creep around edges, else
-    0."""
+    """Traced rays: first all that meet one face of the body after the mirror, then those that meet
+    two, and so on, each group in the order of the transmitters of `array`.
+
+    seen float32 [faces, r]: 1 where a receiver sees the face; wavenumber: in rad/m if waves also
+    creep around edges, else 0.
+    """
 
     hits: Hits
     mirrors: Mirrors
@@ -71,8 +80,8 @@ class RayTrace:
     wavenumber: float
 
     def tubes(self, chosen: np.ndarray) -> Tubes:
-        """Return the ray tubes around the rays with the indices `chosen` [n], which all have the
-        same number of reflections."""
+        """Return the ray tubes around the rays with the indices `chosen` [n], which must all have
+        the same number of reflections."""
         transmitter, patch, faces = (column[chosen] for column in self.hits[:3])
         hits = self.hits._replace(
             transmitter=transmitter, patch=patch, faces=faces[:, : (faces[:1] >= 0).sum()]
@@ -85,9 +94,9 @@ class RayTrace:
 def tubes_around(
     hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray, wavenumber: float = 0.0
 ) -> Tubes:
-    """Return the ray tubes around rays [n] that were traced. patches: the mirrors; surface: all
-    faces of the body as patches. With a wavenumber above 0, what creeping waves carry is taken off
-    the tubes' fields."""
+    """Return the ray tubes around traced rays [n]. patches: the mirrors; surface: all faces of the
+    body as patches. With a wavenumber above 0, the tubes' fields are reduced by the share that
+    creeping waves carry."""
     n, b = hits.faces.shape
     points_m, normal, longer_m = np.empty((n, b + 1, 3)), np.empty((n, 3)), np.empty((n, 3))
     length_m, root_m2, edge_m, caustics = (
@@ -102,8 +111,8 @@ def tubes_around(
 
 
 def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: np.ndarray) -> Hits:
-    """Follow rays over one more reflection. Returns those that meet the body once again, each
-    longer by that leg and with one more column of faces."""
+    """Follow rays over one more reflection. Returns only those that meet the body once more: their
+    paths end there, and they have one more column of faces."""
     tubes = tubes_around(hits, patches, surface, tx_m)
     lit = np.flatnonzero(tubes.root_m2 > 0)  # points and normals of the others were never written
     hits, points_m, normal = hits.where(lit), tubes.points_m[lit], tubes.normal[lit]
@@ -122,10 +131,13 @@ def next_hits(rays: Rays, hits: Hits, patches: Patches, surface: Patches, tx_m: 
 def mirrors_of(
     rays: Rays, body: Body, antennas_m: np.ndarray, longest_m: float, bounces: int = 1
 ) -> Mirrors:
-    """Find the patches of the body that reflect antennas [a, 3] back onto the body. They are split
-    until no edge is longer than longest_m; patches are tried at twice that length with a few of the
-    antennas, and left out if no tube arrives. bounces: the most faces that a ray may meet after its
-    patch."""
+    """Find the patches of the body that reflect waves from antennas [a, 3] back onto the body, with
+    edges of at most longest_m.
+
+    Patches of twice that length are tried first, with a few of the antennas, and left out if their
+    ray tubes do not meet the body. bounces: largest number of faces that a ray may meet after its
+    patch.
+    """
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, face = split(surface, COARSE * longest_m)
     count = _lit(rays, whole, surface, antennas_m, bounces)
@@ -139,8 +151,11 @@ def trace(
     rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
 ) -> RayTrace:
     """Trace the rays from all transmitters over the mirrors and on to up to `bounces` faces of the
-    body. Kept are rays whose transmitter sees the mirror's coarse patch and whose last face some
-    receiver sees, both tested at the middles only."""
+    body.
+
+    Kept are rays whose transmitter sees the mirror's coarse patch and whose last face at least one
+    receiver sees; both are tested at the middle of patch and face only.
+    """
     surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
     found: list[list[Hits]] = [[] for _ in range(bounces)]
@@ -162,7 +177,7 @@ def trace(
 
 def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
     """Join rays, listed by number of reflections, to one table; shorter rows of faces are filled
-    with −1. Rays whose last face no receiver sees (visible [faces]) are left out."""
+    with −1. Rays whose last face is not `visible` [faces] to any receiver are left out."""
     padded = []
     for b, some in enumerate(found):
         for hits in (hits.where(visible[hits.faces[:, -1]]) for hits in some):
@@ -173,8 +188,8 @@ def _join_hits(found: list[list[Hits]], visible: np.ndarray) -> Hits:
 
 
 def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
-    """Split triangles into four, again and again, until no edge is longer than longest_m. Returns
-    the parts, and for each the index [m] of the triangle that it comes from."""
+    """Split triangles into four, repeatedly, until no edge is longer than longest_m: (the parts,
+    index of the triangle that each part comes from)."""
     corners_m, normals, face = surface.corners_m, surface.normals, np.arange(len(surface.normal))
     if (
         np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(initial=0)
@@ -196,7 +211,7 @@ def split(surface: Patches, longest_m: float) -> tuple[Patches, np.ndarray]:
 
 
 def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
-    """Build patches from the corners of triangles and the unit normals there, both [m, 3, 3]."""
+    """Make patches from the corners of triangles and the unit normals there, both [m, 3, 3]."""
     a, b, c = (corners_m[:, i] for i in range(3))
     return Patches(
         corners_m,
@@ -208,8 +223,8 @@ def patches_of(corners_m: np.ndarray, normals: np.ndarray) -> Patches:
 
 
 def corner_normals(body: Body) -> np.ndarray:
-    """Return unit normals [m, 3, 3] at the corners of each face: the smooth normal of the vertex,
-    or the face's own where the body has a sharp edge."""
+    """Return unit normals [m, 3, 3] at the corners of each face: the smooth normal at the vertex,
+    or the normal of the flat face where the body has a sharp edge."""
     flat = unit(face_vectors(body.vertices_m, body.faces))
     smooth = vertex_normals(body)[body.faces]
     crease = np.einsum("mci,mi->mc", smooth, flat) < CREASE
@@ -219,9 +234,12 @@ def corner_normals(body: Body) -> np.ndarray:
 def _lit(
     rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int
 ) -> np.ndarray:
-    """Return for each patch [m] how many reflections after its own matter: the most with which it
-    makes a tube from one of a few antennas. Numbers of reflections from which on all tubes together
-    are weak are not counted; 0: no tube."""
+    """Return how many reflections after its own matter for each patch [m]: the largest number for
+    which a ray tube from one of a few antennas is valid; 0 if none is.
+
+    Reflections are not counted from the first number on for which all tubes together are weak
+    (LEAST).
+    """
     count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
     everything = np.arange(len(count))
     few = nodes(antennas_m, TRIAL_M)

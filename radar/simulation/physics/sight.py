@@ -1,8 +1,9 @@
-"""`Sight`: the share of each antenna's field that reaches a surface past the outlines of a body.
+"""Computation of `Sight`: the complex factors by which the outlines of a body change the fields of
+the antennas on a surface.
 
-The field near an outline is smooth over points, antennas and frequency. It is computed at samples
-of the surface, for few antennas of each line and three tones, and interpolated; no ray per facet is
-needed.
+The field near an outline is smooth over points, antennas and frequency. It is therefore computed
+only at samples of the surface, for few antennas of each line and for three tones, and interpolated;
+no ray per facet is needed.
 """
 
 from __future__ import annotations
@@ -37,9 +38,12 @@ IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Si
 
 
 class Samples(NamedTuple):
-    """Points of a surface at which the diffracted field is computed, and how facets interpolate
-    between them. points_m [s, 3], about apart_m apart; corner [3, p]: indices of the three points
-    around each of p facets; share [3, p]: their weights (barycentric coordinates)."""
+    """Points of a surface at which the diffracted field is computed, and weights that interpolate
+    between them.
+
+    points_m [s, 3]: the points, about apart_m apart; corner [3, p]: indices of the three points
+    around each of p facets; share [3, p]: the facets' barycentric coordinates between these.
+    """
 
     points_m: np.ndarray
     corner: np.ndarray
@@ -55,13 +59,14 @@ def sight_of(
     array: AntennaArray,
     apart_m: float,
 ) -> tuple[Sight, np.ndarray]:
-    """Compute which share of each antenna's field reaches the facets of a surface past the outlines
-    of a body. Returns it as `Sight`, and the mask [p] of the facets that some transmitter and some
-    receiver illuminate.
+    """Compute by which complex factor the outlines of a body change the field of each antenna at
+    the facets of a surface: (`Sight`, boolean mask [p] of the facets that at least one transmitter
+    and one receiver reach).
 
     hiding: the body whose outlines diffract; samples: points of the surface, with the facets'
-    weights; rays: ray caster of all obstacles; apart_m: largest distance of the antennas of a line
-    for which the field is computed; for the others it is interpolated."""
+    weights; rays: ray caster of all obstacles; apart_m: largest distance between those antennas of
+    a line for which the field is computed; for the others it is interpolated.
+    """
     points_m, corner, share, _ = samples
     turns = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     edges, roundness = cached_edges(scene, hiding), roundness_of(scene, hiding)
@@ -99,16 +104,15 @@ def sight_of(
 
 
 def _far(table: np.ndarray) -> np.ndarray:
-    """Return the mask [s] of the points at which some coefficient of a table [s, 3, nodes] of
-    shares exceeds 0.05."""
+    """Return a boolean mask [s], True for points of a table [s, 3, nodes] at which some complex
+    coefficient exceeds FULL in magnitude."""
     parts = table.view(np.float32).reshape(len(table), -1)
     return np.asarray(((parts[:, ::2] ** 2 + parts[:, 1::2] ** 2) > FULL**2).any(axis=1))
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose antennas evenly along each line, at most apart_m apart. Returns their indices, and the
-    weights float32 [a, nodes] with which values at them are interpolated to all antennas [a, 3]
-    (cubic splines)."""
+    """Choose antennas evenly along each line, at most apart_m apart: (their indices, weights
+    float32 [a, nodes] that interpolate values at them to all antennas [a, 3] by cubic splines)."""
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
     for line in lines(antennas_m):
@@ -120,9 +124,12 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
 
 
 def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samples:
-    """Choose the points of a surface at which its field is computed: the corners of its faces,
-    split into four until no edge is longer than samples_m. Each facet gets the three corners of the
-    part that it lies in, with its barycentric coordinates there."""
+    """Choose the points of a body's surface at which the diffracted field is computed: the corners
+    of its faces, which are split into four, repeatedly, until no edge is longer than samples_m.
+
+    Each facet gets the indices of the three corners of the part that contains it, and its
+    barycentric coordinates between them.
+    """
     around = body.faces[facets.face]
     corners_m = body.vertices_m[around]
     share = _barycentric(corners_m, facets.position_m)

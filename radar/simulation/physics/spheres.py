@@ -1,5 +1,5 @@
-"""Echoes of spheres: of steel by Mie's exact series, and of the foam around the calibration
-target's steel balls."""
+"""Echoes of spheres: of steel balls by Mie's exact series, and of the foam around the steel balls
+of the calibration target."""
 
 from __future__ import annotations
 
@@ -21,12 +21,13 @@ NODES = 16
 
 
 def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Scattering amplitudes of a perfectly conducting sphere over that of geometrical optics for
-    bistatic angles 2β: complex [n, m] each for ka [n] and cos β [m], with the field across the
-    plane of scattering (2j/ka·S₁ of the series) and in it (−2j/ka·S₂). For β = 0, |F|² = σ/(πa²).
+    """Compute the scattering amplitudes F of a perfectly conducting sphere over that of geometrical
+    optics, for bistatic angles 2β: two arrays complex [n, m] for ka [n] and cos β [m], for the
+    field across the plane of scattering (2j/ka·S₁ of the series) and in it (−2j/ka·S₂). For β = 0,
+    |F|² = σ/(πa²).
 
-    The phase counts from the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from the
-    near surface). Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ
+    The phase is relative to the sphere's centre (e^{+jωt}: F → e^{+2jka} for ka → ∞, an echo from
+    the near surface). Bohren & Huffman 1983, sec. 4.4 with infinite conductivity: S₁ = Σ
     (2n+1)/(n(n+1)) (aₙπₙ + bₙτₙ), S₂ likewise with πₙ and τₙ exchanged; the scattering angle is π −
     2β.
     """
@@ -44,7 +45,8 @@ def mie_amplitudes(ka: np.ndarray, cos_beta: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _angular(count: int, mu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """πₙ and τₙ [count, m] of mu = cos θ [m], by upward recurrence."""
+    """Compute the angular functions πₙ and τₙ of Mie's series by upward recurrence, for n = 1 to
+    count: two arrays [count, m]. mu [m]: cosines of the scattering angle."""
     pi = np.zeros((count + 1, len(mu)))
     pi[1] = 1
     for n in range(2, count + 1):
@@ -61,12 +63,14 @@ def sphere_echo(
     array: AntennaArray,
     polarisation: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return samples complex64 [f, t, r] of a metal sphere, by Mie's series at the bistatic angle
-    of each pair of transmitter and receiver.
+    """Compute the samples of a metal sphere by Mie's series, at the bistatic angle of each pair of
+    transmitter and receiver: complex64 [f, t, r].
 
     delay_m: extra one-way path (in foam). polarisation [3]: direction of all antennas' electric
-    field; None: unknown, the mean over its directions in the array's plane. Scale and phase are
-    those of `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} here."""
+    field; None: unknown, for the mean over its directions in the array's plane. Scale and phase are
+    those of `radar.simulation.forward`, whose surface integral tends to πa/(jk)·e^{2jka} for a
+    sphere.
+    """
     directions = (
         tuple(np.eye(3)[:2]) if polarisation is None else (np.asarray(polarisation, np.float64),)
     )
@@ -92,22 +96,23 @@ def sphere_echo(
 
 
 def half_angle_cosine(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Return cos β [t, r], with 2β the angle at the point [3] between the directions to transmitter
-    t and receiver r."""
+    """Return cos β [t, r], where 2β is the bistatic angle: that at the point [3] between the
+    directions to transmitter t and receiver r."""
     return np.linalg.norm(path_gradients(point_m, array), axis=2) / 2
 
 
 def path_gradients(point_m: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Return the gradient [t, r, 3] of the path from transmitter over the point [3] to receiver:
-    û_t + û_r, the sum of the unit vectors from the antennas to the point."""
+    """Return the gradient, with respect to the point [3], of the path from transmitter to point to
+    receiver: [t, r, 3]. It is û_t + û_r, the sum of the unit vectors from the antennas to the
+    point."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     return to[:, None] + back[None]
 
 
 def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.ndarray:
-    """Return, for each pair of transmitter and receiver, the product of both field components
-    across the plane of scattering, and of both in that plane: [2, t, r]. `field` [3]: the antennas'
-    electric field, of which each ray keeps the part across itself."""
+    """Compute for each pair of transmitter and receiver the product of both field components across
+    the plane of scattering, and of both in that plane: [2, t, r]. field [3]: direction of the
+    antennas' electric field, of which each ray has the component across itself."""
     to, back = (leg.directions(point_m) for leg in array.legs)
     normal = np.cross(to[:, None], back[None])
     length = np.linalg.norm(normal, axis=2, keepdims=True)
@@ -123,8 +128,8 @@ def _shares(point_m: np.ndarray, array: AntennaArray, field: np.ndarray) -> np.n
 
 
 def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Choose 16 cosines over the range of cos_beta [t, r]. Returns them, and the matrix complex64
-    [16, t·r] that interpolates values at them to all pairs of transmitter and receiver."""
+    """Choose NODES cosines over the range of cos_beta [t, r]: (the cosines, matrix complex64
+    [NODES, t·r] that interpolates values at them to all pairs of transmitter and receiver)."""
     low, high = float(cos_beta.min()) - 1e-6, float(cos_beta.max()) + 1e-6
     points = chebpts1(NODES)
     place = (2 * cos_beta.ravel() - low - high) / (high - low)
@@ -139,9 +144,9 @@ def ball_echoes(
     delay_m: np.ndarray | None = None,
     pattern: float = 0.0,
 ) -> np.ndarray:
-    """Return samples complex64 [f, t, r] of the scene's steel balls by Mie's series, without their
-    foam. delay_m [n]: extra one-way path of each ball's echo (None: 0); pattern: exponent q of the
-    antennas' amplitude pattern cosᵠθ."""
+    """Compute the samples of the scene's steel balls by Mie's series, without the echoes of their
+    foam: complex64 [f, t, r]. delay_m [n]: extra one-way path of each ball's echo (None: 0);
+    pattern: exponent q of the antennas' amplitude pattern cosᵠθ."""
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
     samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
@@ -151,9 +156,12 @@ def ball_echoes(
 
 
 def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
-    """Return the extra one-way path [balls] in metres of each ball's echo through its foam,
-    (n − 1)·(R_foam − r_ball), where n is the foam's refractive index. The foam is centred on
-    the ball, so that a ray to the ball's specular point runs along a radius and is not bent."""
+    """Return the extra one-way path, in metres, of each ball's echo through its foam: [balls], (n −
+    1)·(R_foam − r_ball), where n is the foam's refractive index.
+
+    The foam is centred on the ball, so that a ray to the ball's specular point runs along a radius
+    and is not refracted.
+    """
     return np.array(
         [(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls]
     )
@@ -162,8 +170,9 @@ def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
 def foam_echoes(
     balls: Sequence[Ball], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float = 0.0
 ) -> np.ndarray:
-    """Return samples complex64 [f, t, r] of the front and back surfaces of the balls' foam, without
-    the balls inside. pattern: exponent q of the antennas' amplitude pattern cosᵠθ."""
+    """Compute the samples of the front and back surfaces of the balls' foam, without the echoes of
+    the balls inside: complex64 [f, t, r]. pattern: exponent q of the antennas' amplitude pattern
+    cosᵠθ."""
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
     for ball in balls:
         if has_foam(ball):
@@ -174,13 +183,13 @@ def foam_echoes(
 
 
 def has_foam(ball: Ball) -> bool:
-    """True if there is foam around the ball."""
+    """Return True if there is foam around the ball."""
     return ball.foam_radius_m > ball.radius_m and ball.foam_permittivity > 1
 
 
 def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray | float:
-    """Return the product of both antennas' pattern cosᵠθ towards a point [3], float32 [t, r]; 1.0
-    for `pattern`, the exponent q, of 0."""
+    """Return the product of both antennas' pattern cosᵠθ towards a point [3]: float32 [t, r], or
+    the number 1.0 if the exponent q = `pattern` is 0."""
     if pattern == 0:
         return 1.0
     cosines = ((point_m - leg.position_m)[:, 2] / leg.lengths_m(point_m) for leg in array.legs)
@@ -194,15 +203,18 @@ def _index(ball: Ball) -> float:
 
 
 def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Simulate the echoes of a foam sphere's front and back by geometrical optics:
-    (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale, ρ the reflection relative to metal's, B
-    the element of the ray matrix for the spreading of the echo (negative behind a focus). Paraxial
-    about each channel's specular points, which lie on its bisector before and behind the centre.
+    """Compute the samples of a foam sphere's front and back surface by geometrical optics:
+    complex64 [f, t, r].
+
+    Each echo is (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale, with ρ the reflection
+    relative to metal's and B the element of the ray matrix for the spreading of the echo (negative
+    behind a focus). Rays are paraxial about each channel's specular points, which are on its
+    bisector before and behind the centre.
 
     The steel ball hides the back from rays that pass through the foam's middle: channels whose
-    chords to the back's specular point, a·sin β from the centre, run into the ball have no back
-    echo. (Diffraction would blur this edge over √(λa) ≈ 1 cm; what is lost is below the foam's own
-    −40 dB.)
+    chords to the back's specular point, a·sin β from the centre, meet the ball have no back echo.
+    (Diffraction would blur this edge over √(λa) ≈ 1 cm; what is lost is below the foam's own −40
+    dB.)
     """
     radius_m, n = ball.foam_radius_m, _index(ball)
     cos_beta = half_angle_cosine(ball.centre_m, array)
@@ -222,9 +234,12 @@ def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> n
 
 
 def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Return the path [t, r] in metres from transmitter to receiver over a point on the bisector of
-    their directions from the sphere's centre, towards_m from that centre (negative: behind it).
-    legs_m: distances of transmitters and of receivers from the centre."""
+    """Return the length [t, r], in metres, of the path from transmitter to a point on the surface
+    of a sphere to receiver. The point is on the bisector of the directions from the sphere's centre
+    to both antennas, at the distance towards_m from the centre (negative: behind it).
+
+    legs_m: distances of the transmitters and of the receivers from the centre.
+    """
     to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
     return sum(
         np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)
@@ -233,10 +248,13 @@ def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) ->
 
 
 def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool) -> np.ndarray:
-    """Return B [t, r], the element of the ray matrix that gives the spreading of an echo, for rays
-    from transmitter over the sphere's front to receiver or, with `back`, through the sphere over
-    its back. n: refractive index. A ray is (h, θ), θ its true angle also inside (Siegman, Lasers,
-    1986, ch. 15)."""
+    """Return the element B [t, r] of the ray matrix, which gives the spreading of an echo. The rays
+    go from transmitter to the sphere's front to receiver or, with `back`, through the sphere to its
+    back and out again.
+
+    n: refractive index. A ray is (h, θ), with θ its true angle also inside (Siegman, Lasers, 1986,
+    ch. 15).
+    """
     mirror = np.array([[1.0, 0.0], [2 / radius_m, 1.0]])  # the front is convex
     if back:
         enter = np.array([[1.0, 0.0], [-(n - 1) / (n * radius_m), 1 / n]])

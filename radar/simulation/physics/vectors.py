@@ -1,4 +1,5 @@
-"""Vectors of three numbers as tuples, which stay in registers, for kernels."""
+"""Functions of vectors as tuples of three numbers, for compiled code, where tuples stay in
+registers."""
 
 from __future__ import annotations
 
@@ -9,7 +10,7 @@ from handbench.support.compiled import njit
 
 @njit(inline="always")
 def vec(array):  # type: ignore[no-untyped-def]
-    """An array's three numbers."""
+    """Return the three numbers of an array [3] as a tuple."""
     return array[0], array[1], array[2]
 
 
@@ -40,7 +41,7 @@ def norm(a):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def direction(a):  # type: ignore[no-untyped-def]
-    """The unit vector, and the length."""
+    """Return the unit vector along `a`, and the length of `a`."""
     length = norm(a)
     scale = 1 / max(length, 1e-30)
     return (a[0] * scale, a[1] * scale, a[2] * scale), length

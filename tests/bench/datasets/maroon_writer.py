@@ -15,6 +15,7 @@ from handbench.bench.datasets.maroon_alignment import ALIGNMENT, MIRROR_X, kinec
 from handbench.bench.datasets.maroon_frame import ANTENNAS, USED, Frame
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.radar.data.capture import RadarCapture
 from handbench.support.files import write_json
 from handbench.support.rays import Rays
 from tests.bench.datasets.foreign_captures import AXES
@@ -33,6 +34,22 @@ def write_maroon(path: Path, root: Path, mirrored: bool = True) -> Path:
     capture, folder = open_capture(path), root / "patch" / "30"
     echoes, true = capture.echoes(), capture.truth
     assert true is not None
+    write_radar(folder, echoes, mirrored)
+    vertices_m, faces, _ = read_triangles(true)
+    kinect = _write_kinect(folder / "kinect", Rays(vertices_m, faces), len(echoes.samples))
+    photo = Transform("photo", "radar", np.eye(4))
+    write_alignment(folder / ALIGNMENT, photo, mirrored, {"kinect": kinect})
+    for name in MESHES.values():
+        file = folder / PHOTOGRAMMETRY / name
+        file.parent.mkdir(exist_ok=True)
+        with file.open("w", encoding="ascii") as stream:
+            np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
+            np.savetxt(stream, faces + 1, "f %d %d %d")
+    return folder
+
+
+def write_radar(folder: Path, echoes: RadarCapture, mirrored: bool = True) -> Path:
+    """Write what the folder has of the radar alone, and return it."""
     for number, samples in enumerate(echoes.samples):
         frame = Frame(SCALE * samples, echoes.frequencies_hz, len(echoes.samples))
         write_frame(folder / RADAR / FRAMES / f"{number:06d}.npy", number, frame)
@@ -44,16 +61,6 @@ def write_maroon(path: Path, root: Path, mirrored: bool = True) -> Path:
     box = {"zmin": 0.0, "zmax": 0.6}
     facts = {"distance_meters": 0.3, "mask_erosion": 0, "labels": ["patch"], "mask_bb": box}
     write_json(folder / METADATA, facts | {"handbench_echo_scale": SCALE})
-    vertices_m, faces, _ = read_triangles(true)
-    kinect = _write_kinect(folder / "kinect", Rays(vertices_m, faces), len(echoes.samples))
-    photo = Transform("photo", "radar", np.eye(4))
-    write_alignment(folder / ALIGNMENT, photo, mirrored, {"kinect": kinect})
-    for name in MESHES.values():
-        file = folder / PHOTOGRAMMETRY / name
-        file.parent.mkdir(exist_ok=True)
-        with file.open("w", encoding="ascii") as stream:
-            np.savetxt(stream, vertices_m, "v %.9f %.9f %.9f")  # to a nanometre
-            np.savetxt(stream, faces + 1, "f %d %d %d")
     return folder
 
 

@@ -9,13 +9,21 @@ version that could be read.
 """
 
 import numpy as np
+import pytest
 
 from handbench.bench.run.reconstruct_stage import Imager
 from handbench.radar.data.arrays import qar50
-from tests.bench.datasets.foreign_captures import AXES, PIXELS, PLACE_M
+from tests.bench.datasets.foreign_captures import AXES, PIXELS, PLACE_M, echoes
+from tests.bench.datasets.maroon_writer import write_radar
 
 C = 299792458.0
 BROADBAND = {"start_hz": 72e9, "stop_hz": 82e9, "count": 5, "threshold_db": -14.0, "subvoxel": True}
+
+
+@pytest.fixture(scope="module")
+def maroon(tmp_path_factory):
+    """The radar's part of a capture in their layout."""
+    return write_radar(tmp_path_factory.mktemp("maroon") / "patch" / "30", echoes())
 
 
 def frame(folder):

@@ -1,5 +1,5 @@
-"""A module that stands in for CuPy where there is no GPU: numpy behind arrays as strict as a
-device's.
+"""Whether there is a GPU, and a module that stands in for CuPy where there is none: numpy behind
+arrays as strict as a device's.
 
 An array lives on the "device" and mixes with others there and with scalars alone: what would meet a
 numpy array, or turn silently into one, raises as CuPy does. Only functions that CuPy has under the
@@ -8,10 +8,14 @@ same name exist.
 
 from __future__ import annotations
 
+import time
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 from numpy.lib.mixins import NDArrayOperatorsMixin
+
+from handbench.radar.imaging.device import array_module
+from handbench.support.errors import HandbenchError
 
 # Each was looked up in CuPy 14; add a name only after doing so.
 FUNCTIONS = (
@@ -30,7 +34,16 @@ FUNCTIONS = (
     "zeros",
 )
 METHODS = ("argmax", "astype", "conj", "max", "reshape", "sum", "swapaxes")
-ATTRIBUTES = ("T", "dtype", "imag", "ndim", "real", "shape", "size")
+ATTRIBUTES = ("T", "dtype", "imag", "nbytes", "ndim", "real", "shape", "size")
+
+
+def has_gpu() -> bool:
+    """Whether CuPy and a CUDA device are there."""
+    try:
+        array_module("cuda")
+    except HandbenchError:
+        return False
+    return True
 
 
 class DeviceArray(NDArrayOperatorsMixin):
@@ -100,6 +113,16 @@ def _function(name):
     return lambda *args, **options: _wrapped(getattr(np, name)(*_bare(args), **_bare(options)))
 
 
+class _Event:
+    """A moment: the stand-in's work is done when its call returns."""
+
+    def record(self) -> None:
+        self.s = time.perf_counter()
+
+    def synchronize(self) -> None:
+        pass
+
+
 def cupy_stand_in() -> ModuleType:
     """The module, with one device."""
     module = ModuleType("cupy")
@@ -111,5 +134,10 @@ def cupy_stand_in() -> ModuleType:
     runtime = SimpleNamespace(
         getDeviceCount=lambda: 1, getDeviceProperties=lambda _: {"name": b"Stand-in"}
     )
-    module.cuda = SimpleNamespace(runtime=runtime, Device=lambda: SimpleNamespace(id=0))
+    module.cuda = SimpleNamespace(
+        runtime=runtime,
+        Device=lambda: SimpleNamespace(id=0),
+        Event=_Event,
+        get_elapsed_time=lambda begin, end: 1e3 * (end.s - begin.s),
+    )
     return module

@@ -11,6 +11,7 @@ from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
+from handbench.radar.imaging.device import SETTING
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
@@ -191,6 +192,7 @@ def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_a
 ):
     grid, samples = cut(), noise((16, 94, 94))
     points_m = grid.points_m().reshape(-1, 3)
+    monkeypatch.setenv(SETTING, "cpu")  # rates of other devices are unknown
     monkeypatch.setenv("HANDBENCH_WORKERS", "2")
     monkeypatch.setenv("HANDBENCH_HOURS", "1e-9")
     whole = VoxelGrid(*(1e-3 * np.arange(400) + low for low in (-0.2, -0.2, 0.2)))
