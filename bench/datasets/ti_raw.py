@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import hilbert
 
+from handbench.bench.datasets.method_tables import method_tables
 from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from handbench.bench.datasets.ti_boards import antennas
 from handbench.bench.datasets.ti_checks import profile_warnings
@@ -63,8 +64,10 @@ def import_ti_raw(
     places_m, gains = antennas(source, profile, transmitters)
     about = {"source": " ".join(filter(None, ("TI raw capture", profile.board)))}
     recording = Recording(samples, profile.tones_hz(), places_m, None, gains, profile.sweeps, about)
+    capture = recording.capture()
     facts = {"name": Path(folder).resolve().name, "kind": "other", "contains": (ECHOES,), **about}
+    facts["methods"] = method_tables(capture)
     description = parse(CaptureFile, facts, str(folder))
     with atomic_folder(folder) as temporary:
-        save_capture(temporary / ECHOES, recording.capture())
+        save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)

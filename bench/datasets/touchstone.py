@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from handbench.bench.datasets.method_tables import method_tables
 from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from handbench.radar.data.arrays import positions
 from handbench.radar.data.echoes_file import save_capture
@@ -79,7 +80,8 @@ def import_touchstone(
     about = {"source": f"Touchstone files, {wanted or USUAL[Path(names[0]).suffix.lower()]}"}
     capture = Recording(samples[None, None], frequencies_hz, tables, pairs, about=about).capture()
     facts = {"name": Path(folder).resolve().name, "kind": "scan" if moved else "other", **about}
-    description = parse(CaptureFile, {**facts, "contains": (ECHOES,)}, str(folder))
+    facts |= {"contains": (ECHOES,), "methods": method_tables(capture)}
+    description = parse(CaptureFile, facts, str(folder))
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)
