@@ -10,6 +10,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.advice import matching_settings, require_tones
 from handbench.radar.methods.evidence import POINT_WAVELENGTHS, live_extents_m, shortest_m
 from handbench.radar.methods.first_depth import ENOUGH, first_depth_m
+from handbench.radar.methods.fsk_config import TwoToneConfig
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 
@@ -50,7 +51,7 @@ def _box(capture: RadarCapture, tones_hz: np.ndarray, step_hz: float) -> dict[st
     find it, or nothing stands out."""
     if len(tones_hz) < ENOUGH:
         return {}
-    far_m = first_depth_m(capture, method("2fsk").configure({}, "2fsk"), 0)
+    far_m = first_depth_m(capture, TwoToneConfig())
     if far_m is None:
         return {}
     half_m = min(HALF_BOX_M, SPEED_OF_LIGHT_M_S / 4 / step_hz)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from handbench.bench.datasets.ti_boards import antennas
-from handbench.bench.datasets.ti_profile import CHIRPS, ChirpProfile
-from handbench.bench.datasets.ti_samples import decode, frame_numbers, unpack
+from handbench.bench.datasets.ti_profile import CHIRPS, ChirpProfile, read_profile
+from handbench.bench.datasets.ti_samples import decode, frame_numbers, read_numbers, unpack
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.support.caller import settings
 from handbench.support.errors import HandbenchError
@@ -45,6 +45,15 @@ STRONGEST = 8  # range bins in whose directions the antennas are compared
 
 Change = dict[str, Any]
 Found = tuple[list[Change], str] | None
+
+
+def raw_warnings(source: Path) -> list[str]:
+    """Return warnings that the echoes in a raw capture's folder contradict its profile. Raises
+    HandbenchError if it cannot be read."""
+    _, profile = read_profile(source, {})
+    numbers = read_numbers(source, profile)
+    decode(numbers, profile, str(source))  # refuses what is no whole frames
+    return list(profile_warnings(source, numbers, profile))
 
 
 def profile_warnings(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Iterator[str]:

@@ -23,15 +23,6 @@ from handbench.support.files import atomic_folder, require_folder
 from handbench.support.progress import say
 
 
-def raw_warnings(source: Path) -> list[str]:
-    """Return warnings about a folder that `import_ti_raw` converts, as it is: that its echoes
-    contradict its profile. Raises HandbenchError if it cannot be read."""
-    _, profile = read_profile(source, {})
-    numbers = read_numbers(source, profile)
-    decode(numbers, profile, str(source))  # refuses what is no whole frames
-    return list(profile_warnings(source, numbers, profile))
-
-
 def import_ti_raw(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
@@ -65,9 +56,9 @@ def import_ti_raw(
     about = {"source": " ".join(filter(None, ("TI raw capture", profile.board)))}
     recording = Recording(samples, profile.tones_hz(), places_m, None, gains, profile.sweeps, about)
     capture = recording.capture()
-    facts = {"name": Path(folder).resolve().name, "kind": "other", "contains": (ECHOES,), **about}
-    facts["methods"] = method_tables(capture)
-    description = parse(CaptureFile, facts, str(folder))
+    name, methods = Path(folder).resolve().name, method_tables(capture)
+    facts = {"name": name, "kind": "other", "contains": (ECHOES,), "methods": methods}
+    description = parse(CaptureFile, facts | about, str(folder))
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)

@@ -18,9 +18,14 @@ def read_studio(path: Path, content: dict[str, Any], most: int) -> dict[str, Any
     loop may have. Raises HandbenchError for another content and for modes that are not read."""
     try:
         fields, wrong = _fields(content["mmWaveDevices"], most)
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+    except KeyError as error:
         raise HandbenchError(
-            f"{path}: lacks {error} or has it in another form; expected mmWave Studio's export"
+            f"{path}: lacks {error}; expected mmWave Studio's export: configure the radar, and "
+            "export again"
+        ) from None
+    except (IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        raise HandbenchError(
+            f"{path}: is not as mmWave Studio exports it ({error}); export it again"
         ) from None
     if wrong:
         raise HandbenchError(f"{path}: {'; '.join(wrong)}")

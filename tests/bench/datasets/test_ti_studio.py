@@ -140,8 +140,8 @@ def test_a_cascade(tmp_path):
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (("rfConfig", "rlFrameCfg_t"), {}, "lacks 'chirpStartIdx' or has it in another form"),
-        (("rfConfig", "rlProfiles"), [], "or has it in another form"),
+        (("rfConfig", "rlFrameCfg_t"), {}, "lacks 'chirpStartIdx'; expected"),
+        (("rfConfig", "rlProfiles"), [], "is not as mmWave Studio exports it"),
         (("rfConfig", "waveformType"), "advancedFrameChirp", "expected legacyFrameChirp"),
         (("rfConfig", "rlAdcOutCfg_t", "fmt", "b2AdcBits"), 1, "16 bits; expected b2AdcBits 2"),
         (("rfConfig", "rlFrameCfg_t", "chirpEndIdx"), 2, "no or several transmitters"),
