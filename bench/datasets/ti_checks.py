@@ -31,15 +31,18 @@ RIGHT_SHARE, WRONG_SHARE = 0.08, 0.15
 LEAKED = 2  # bins on either side of 0 into which a window of Hann leaks what is at 0
 PREDICTED = 12  # samples from which the next is predicted
 SHORTEST = 16  # chirp, samples
-# energy of a step, over the median, where a chirp begins at least; elsewhere at most
-SEAM, SMOOTH = 4.0, 3.5
+# energy of a step, over the mean, where a chirp begins at least; elsewhere at most
+SEAM, SMOOTH = 3.0, 1.85
+CHANGED = 2.0  # step of the echoes from frame to frame, at least, over the largest within one
 PRIMES = (2, 3, 5, 7)  # a chirp is that many times shorter than one taken for it
+STILL = 0.12  # variance among repetitions of a scene that stands still, over its power, at most
+DRIFT = 0.003  # the same that repetitions in turn do not show, at most
 # variance among repetitions over that of the profile as it is: of a right profile at most; by how
 # much that of an equally good one may be higher: always, times the root of the samples, and of the
 # difference to a wrong one
-REPEATED, EQUAL, EQUAL_BY_CHANCE, NEARLY = 0.5, 0.02, 4.0, 0.05
+REPEATED, EQUAL, EQUAL_BY_CHANCE, NEARLY = 0.5, 0.01, 1.5, 0.05
 # focused power of a better order less that of the order as it is, and the ratio of what is left
-FOCUSED, UNFOCUSED = 0.03, 2.0
+FOCUSED, UNFOCUSED = 0.04, 1.5
 DIRECTIONS = 41  # sines of directions that are tried, along each axis
 STRONGEST = 8  # range bins in whose directions the antennas are compared
 
@@ -144,7 +147,9 @@ def _begin(energy: np.ndarray, given: int, other: int) -> bool:
     only_given = energy[::given][np.arange(0, len(energy), given) % other > 0]
     if len(at) <= PRIMES[-1]:
         return False
-    usual, high = np.median(energy), min(at[place % k > 0].mean() for k in PRIMES)
+    place_in = np.arange(len(energy))
+    inside = energy[(place_in % given >= PREDICTED) & (place_in % other >= PREDICTED)]
+    usual, high = inside.mean(), min(at[place % k > 0].mean() for k in PRIMES)
     smooth = not len(only_given) or only_given.mean() < min(SMOOTH * usual, high / 2)
     return bool(high > SEAM * usual and smooth)
 
@@ -173,27 +178,49 @@ def _channels(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found
     given = min(trial.variance for trial in tried if not trial.change)
     equal = lowest * (1 + EQUAL + EQUAL_BY_CHANCE / chirps.size**0.5)
     repeats = given <= equal
-    if lowest > REPEATED * (1.0 if repeats else given):
+    if lowest > (STILL if repeats else REPEATED * given):
         return None
     equal = equal if repeats else max(equal, lowest + NEARLY * (given - lowest))
-    # as few channels as explain the echoes; if those of the profile do not, as few changes of the
-    # scene, then as many channels as before, and as few changed fields as possible
-    rank = {
-        trial: (
-            trial.channels if repeats else trial.groups,
-            trial.channels != tried[0].channels,
-            len(trial.change),
-        )
+    good = [
+        trial
         for trial in tried
-        if trial.variance <= equal
-    }
-    best = [trial.change for trial in rank if rank[trial] == min(rank.values())]
+        if _in_steps(chirps, profile, trial.change)
+        and trial.variance <= (REPEATED * given if trial.change.keys() == {"loops"} else equal)
+    ]
+    # as few channels as explain the echoes; if those of the profile do not, as few changes of the
+    # scene, with as few changed fields as possible
+    size = [trial.channels if repeats else trial.groups for trial in good]
+    good = [trial for trial, its in zip(good, size, strict=True) if its == min(size)]
+    fewest: dict[int, int] = {}
+    for trial in good:
+        fields = fewest.get(trial.channels, len(trial.change))
+        fewest[trial.channels] = min(fields, len(trial.change))
+    best = [trial.change for trial in good if len(trial.change) == fewest[trial.channels]]
+    if not best:
+        return None
     if {} in best:
         return None
     shown = f"repetitions of a channel differ by {100 * given:.2g} % of their power"
     if repeats:
         shown = "several channels have the same echoes"
     return _most_focused(source, numbers, profile, best), shown
+
+
+def _in_steps(chirps: np.ndarray, profile: ChirpProfile, change: Change) -> bool:
+    """True unless a change divides the time into other frames or blocks, without a step of the
+    echoes between them: a scene may move all the time."""
+    other = _with(profile, change)
+    sent, kinds = len(other.transmitters), len(set(other.transmitters))
+    if not change or (sent == kinds and change.keys() != {"loops"}):
+        return True
+    apart = _frame_chirps(other) // (other.loops * sent)
+    unit, period = (apart, sent // kinds) if sent > kinds else (apart * sent, other.loops)
+    units = chirps.reshape(-1, unit * chirps.shape[1])
+    steps = (np.abs(np.diff(units, axis=0)) ** 2).sum(axis=1)
+    between, inside = steps[period - 1 :: period], np.delete(steps, np.s_[period - 1 :: period])
+    if not len(between) or not len(inside):
+        return False
+    return bool(between.min() > CHANGED * inside.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,11 +288,9 @@ def _channels_of(number: int, profile: ChirpProfile) -> np.ndarray:
 def _order(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
     """Find the order of the transmitters by how well the echoes focus in directions."""
     sent = sorted(set(profile.transmitters))
-    if (
-        len(profile.receivers) < 3
-        or not 1 < len(sent) <= 3
-        or _focus(source, numbers, profile) is None
-    ):
+    if len(profile.receivers) < 3 or not 1 < len(sent) <= 3:
+        return None
+    if _moves(numbers, profile) or _focus(source, numbers, profile) is None:
         return None
     orders = [dict(zip(sent, order, strict=True)) for order in permutations(sent)]
     changes: list[Change] = [
@@ -276,6 +301,21 @@ def _order(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
     if changes[0] in best:
         return None
     return best, "in another order of the transmitters the echoes' power focuses better"
+
+
+def _moves(numbers: np.ndarray, profile: ChirpProfile) -> bool:
+    """True if a channel's echoes drift during a frame, which turns the phases between transmitters:
+    repetitions differ from their mean by more than from each other."""
+    beat = decode(numbers, profile, "")
+    order = np.argsort(profile.transmitters, kind="stable")
+    order = order.reshape(len(set(profile.transmitters)), -1)
+    repeated = beat[:, :, order].swapaxes(1, 2)  # [frame, transmitter, loop, chirp, receiver, n]
+    repeated = repeated.reshape(*repeated.shape[:2], -1, *beat.shape[-2:])
+    if repeated.shape[2] == 1:
+        return False
+    spread = repeated.var(axis=2, ddof=1).mean()
+    steps = (np.abs(np.diff(repeated, axis=2)) ** 2).mean() / 2
+    return bool(spread - steps > DRIFT * (np.abs(repeated) ** 2).mean())
 
 
 def _most_focused(

@@ -47,7 +47,7 @@ def is_blamed(folder, seed):
 
 @pytest.mark.parametrize("kind", MISTAKES)
 def test_a_mistake_is_named(tmp_path, kind):
-    assert is_named(tmp_path / "raw", kind, 0)
+    assert is_named(tmp_path / "raw", kind, 1)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -54,7 +54,8 @@ class Capture:
 
 def draw_capture(rng: np.random.Generator, changes: bool, least: int = 1) -> Capture:
     """Draw a radar, its profile and a scene of one to six points with 10 to 40 dB over the noise of
-    a sample. changes: the scene does, from frame to frame. least: transmitters and receivers."""
+    a sample. changes: the scene does, from frame to frame; every other one moves at up to 0.5 m/s
+    during a frame, too. least: transmitters and receivers."""
     n = int(rng.choice([64, 100, 128, 200, 256]))
     receivers = sorted(rng.choice(4, rng.integers(least, 5), replace=False).tolist())
     sent = sorted(rng.choice(3, rng.integers(least, 4), replace=False).tolist())
@@ -79,17 +80,21 @@ def draw_capture(rng: np.random.Generator, changes: bool, least: int = 1) -> Cap
     f = start + slope * (6e-6 + np.arange(n) / rate)
     echoes = np.zeros((frames, loops * len(sent), 4, n), complex)
     order = sent * loops if not blocks else pattern
+    speed_m_s = rng.uniform(-0.5, 0.5, way.shape) * (changes and rng.random() < 0.5)
     for frame in range(frames):
-        points_m = range_m[:, None] * way
+        start_m = range_m[:, None] * way
         if changes:
-            points_m = points_m + rng.uniform(-3, 3, points_m.shape) * half_m
-        path_m = (
-            np.linalg.norm(points_m[:, None] - tx_m, axis=2)[:, :, None]
-            + np.linalg.norm(points_m[:, None] - rx_m, axis=2)[:, None]
-        )
-        beat = np.exp(2j * np.pi * f * path_m[..., None] / C)
-        of_pair = np.tensordot(level, beat, axes=1) * (gain[0][:, None] * gain[1])[..., None]
-        echoes[frame] = of_pair[order]
+            start_m = start_m + rng.uniform(-3, 3, way.shape) * half_m
+        for chirp, tx in enumerate(order):
+            points_m = start_m + speed_m_s * 80e-6 * chirp
+            there_m = np.linalg.norm(points_m - tx_m[tx], axis=1)
+            path_m = there_m[:, None] + np.linalg.norm(points_m[:, None] - rx_m, axis=2)
+            if chirp == 0 or speed_m_s.any() or tx not in order[:chirp]:
+                beat = np.exp(2j * np.pi * f * path_m[..., None] / C)
+                of_rx = np.tensordot(level, beat, axes=1)
+                echoes[frame, chirp] = of_rx * (gain[0][tx] * gain[1])[:, None]
+            else:
+                echoes[frame, chirp] = echoes[frame, order.index(tx)]
     size = math.sqrt((np.abs(echoes) ** 2).mean())
     noise = size * 10 ** (-rng.uniform(10, 40) / 20) / math.sqrt(2)
     echoes += noise * (rng.standard_normal((*echoes.shape, 2)) @ [1, 1j])
@@ -114,7 +119,7 @@ def draw_mistaken(rng: np.random.Generator, mistake: str) -> tuple[Capture, dict
     """Draw a capture, and a profile with a mistake of a kind of MISTAKES with which its size still
     is whole frames."""
     while True:
-        changes = mistake == "loops" or bool(rng.random() < 0.4)
+        changes = mistake == "loops" or bool(rng.random() < 0.4 and mistake != "exchanged")
         capture = draw_capture(rng, changes, 2 if mistake in ("blocks", "exchanged") else 1)
         right = capture.profile
         if mistake == "exchanged" and not _shows_order(right):
