@@ -24,16 +24,19 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
 MOST_TONES, MOST_CHANNELS = 32, 4000  # that are fitted; evenly chosen
-MOST_POINTS = 12
+MOST_POINTS = 8
 SEARCHED = 256  # channels by whose image points are looked for
 PROMISING = 200  # points of it that are imaged by all channels
 VIEW = 0.6  # tangent of the angle off the axis up to which points are sought
 MOST_DIRECTIONS = 101  # along x and y
+SOME_STEPS, MOST_STEPS = 8, 60  # of a fit while points are added, and of the last one
 CHANCE = 6.0  # a peak that noise shows with a probability of exp(−6) is a point
 NEAREST_M, BEHIND_M = 0.05, 0.6  # depths searched: from there to so far behind the apparent range
 STEP_FACTORS = np.geomspace(0.5, 2.0, 57)  # of the scan's step that are tried first
 MOST_STEP = 0.05  # half-width of a step's 95 % interval up to which it is determined
 MOST_PHASE_RAD = 0.5  # standard deviation of a gain's phase up to which gains are determined
+LEAST_EXPLAINED = 0.8  # share of the power that points explain, unless the rest is noise
+BLURRED_DB = 0.5  # loss of the strongest echo from which the fit is taken to be wrong
 INSEPARABLE = 0.95  # correlation of two estimates from which the echoes cannot tell them apart
 WIDE_95 = 1.96
 
@@ -105,6 +108,11 @@ def _require_sense(capture: RadarCapture, unknown: frozenset[str]) -> None:
         raise HandbenchError(
             'unknown: holds "scan_step", but the array does not move; remove it from capture.toml'
         )
+    if not moved and {"range_offset", "gains"} <= unknown:
+        raise HandbenchError(
+            'unknown: holds "range_offset" and "gains" of an array that does not move, whose gains '
+            "imitate what shows the offset; remove one of them from capture.toml"
+        )
     if len(np.unique(capture.frequencies_hz)) < 2:
         raise HandbenchError("echoes: have one tone; expected two or more, which give the range")
 
@@ -123,8 +131,6 @@ def _model(capture: RadarCapture, unknown: frozenset[str], frame: int) -> PointM
     chosen = scaled_to_one(samples[:, live]).astype(np.complex128)
     ranges_m = np.arange(_cell_m(waves) / 4, _period_m(waves), _cell_m(waves) / 4)
     range_m = ranges_m[_range_profile(chosen, waves, ranges_m).argmax()]
-    if isinstance(capture.aperture, AntennaArray) and "gains" in unknown:
-        unknown -= {"range_offset"}  # gains at rest imitate the curvature
     channels = Channels.of(capture.aperture).some(live)
     return PointModel(*_gated(chosen, waves, range_m), channels, unknown, float(range_m))
 
@@ -176,22 +182,22 @@ def _start_depths_m(model: PointModel, range_m: float) -> np.ndarray:
 def _with_points(model: PointModel, start: Points) -> tuple[Fit, bool]:
     """Add the strongest point of what the earlier ones leave unexplained, and fit all, until only
     noise is left or there are MOST_POINTS: (last fit, whether noise is left)."""
-    points, fit = start, None
-    for _ in track(range(MOST_POINTS), "fitting points"):
-        rest = model.residual(points)
-        found = _strongest(model, rest, points)
+    points, fitted = start, model
+    for count in track(range(MOST_POINTS), "fitting points"):
+        found = _strongest(model, model.residual(points), points)
         if found is None:
             break
-        fit = model.fit(points.with_point(*found), 8)
-        points = fit.points
-    if fit is None:
+        # one point alone cannot tell the offset and the steps apart: the steps wait for a second
+        alone = count == 0 and "range_offset" in model.unknown
+        fitted = replace(model, unknown=model.unknown - {"scan_step"}) if alone else model
+        points = fitted.fit(points.with_point(*found), SOME_STEPS).points
+    if not len(points.echoes):
         raise HandbenchError(
             "echoes: none stands out from the noise; put a small bright target, such as a metal "
             "ball or a corner, before the antennas"
         )
-    fit = model.fit(points, 60)
-    rest = model.residual(fit.points)
-    return fit, _strongest(model, rest, fit.points) is None
+    fit = model.fit(points, MOST_STEPS)
+    return fit, _strongest(model, model.residual(fit.points), fit.points) is None
 
 
 def _strongest(
@@ -303,12 +309,19 @@ def _result(
 ) -> SelfCalibration:
     """Judge which estimates are determined, and turn those into corrections."""
     points, places, count = fit.points, model.places, len(fit.points.echoes)
+    sharper_db = _sharper_db(model, points)
+    explained = 1 - float(
+        (np.abs(model.residual(points)) ** 2).sum() / (np.abs(model.samples) ** 2).sum()
+    )
+    # flat and long targets bend the paths in other ways than points do
+    few = noise_left or explained >= LEAST_EXPLAINED
+    trusted = few and sharper_db > -BLURRED_DB
     wide = WIDE_95 if noise_left else float(stats.t.ppf(0.975, max(count - 1, 1)))
     sigmas = np.sqrt(np.diag(covariance))
 
     def estimate(value: float, at: int, most: float) -> Estimate:
         half_width = wide * float(sigmas[at])
-        return Estimate(value, float(sigmas[at]), half_width, half_width <= most)
+        return Estimate(value, float(sigmas[at]), half_width, half_width <= most and trusted)
 
     estimates, at = {}, {}
     if "range_offset" in places:
@@ -333,10 +346,9 @@ def _result(
             kept[name].value if (name := f"scan_step_{axis}") in kept else 1.0 for axis in "xy"
         ),
         gains=()
-        if gain_sigma is None or gain_sigma > MOST_PHASE_RAD
+        if gain_sigma is None or gain_sigma > MOST_PHASE_RAD or not trusted
         else tuple(tuple((g.real, g.imag) for g in np.exp(side).tolist()) for side in log_gains),
     )
-    rest = model.residual(points)
     return SelfCalibration(
         estimates,
         corrections,
@@ -345,9 +357,9 @@ def _result(
         _inseparable(covariance, at),
         period_m,
         count,
-        1 - float((np.abs(rest) ** 2).sum() / (np.abs(model.samples) ** 2).sum()),
+        explained,
         noise_left,
-        _sharper_db(model, points),
+        sharper_db,
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -18,9 +19,9 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 # standard deviations expected beforehand of a log gain, the offset in metres, a step's share: wide,
 # they only hold what the echoes leave open
-EXPECTED = {"gains": 3.0, "range_offset": 1.0, "scan_step": 0.3}
+EXPECTED = {"gains": 3.0, "range_offset": 1.0, "scan_step": 0.1}
 EACH = 5  # unknowns of a point: x, y, z, and its echo's log level and phase
-SETTLED = 1e-8  # a step that lowers the residual's power by less ends the fit
+SETTLED = 0.01  # of one standard deviation squared: a step that gains less ends the fit
 DAMPING = 1e-3, 1e8  # of the first step, and at which no step helps
 
 
@@ -72,13 +73,13 @@ class PointModel:
     unknown: frozenset[str]
     range_m: float
 
-    @property
+    @cached_property
     def axes(self) -> list[int]:
         """The axes along which the scan's step is unknown."""
         moved = np.ptp(self.channels.moves_m[:, :2], axis=0) > 0
         return np.flatnonzero(moved).tolist() if "scan_step" in self.unknown else []
 
-    @property
+    @cached_property
     def places(self) -> dict[str, slice]:
         """Where the shared unknowns are in the vector: by the names in `unknown`."""
         counts = {
@@ -93,7 +94,7 @@ class PointModel:
                 end += count
         return found
 
-    @property
+    @cached_property
     def shared(self) -> int:
         """The number of shared unknowns."""
         return max((place.stop for place in self.places.values()), default=0)
@@ -219,12 +220,12 @@ class PointModel:
             new_points = self.moved(points, np.linalg.solve(damped, right / scale) / scale)
             new = self._costs(new_points, weights)
             if new.cost < now.cost:
-                settled = now.cost - new.cost < SETTLED * now.cost
+                settled = now.cost - new.cost < SETTLED * now.noise
                 points, now, damping = new_points, new, damping / 10
                 if settled:
                     break
             else:
-                damping = max(10 * damping, SETTLED)
+                damping = max(10 * damping, DAMPING[0])
                 if damping > DAMPING[1]:
                     break
         return Fit(points, now.normal, now.scores, now.noise)

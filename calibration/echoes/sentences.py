@@ -4,7 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from handbench.calibration.echoes.estimate import MOST_PHASE_RAD, Estimate, SelfCalibration
+from handbench.calibration.echoes.estimate import (
+    BLURRED_DB,
+    LEAST_EXPLAINED,
+    MOST_PHASE_RAD,
+    Estimate,
+    SelfCalibration,
+)
 
 FORMS = {  # words of each estimate, its factor and its unit
     "range_offset_m": ("range offset", 1e3, "mm"),
@@ -29,24 +35,37 @@ def sentences(found: SelfCalibration) -> Iterator[str]:
     for one, other in found.inseparable:
         words = FORMS[one][0], FORMS[other][0]
         yield f"these echoes hardly tell {words[0]} and {words[1]} apart: their errors go together"
-    rest = "noise" if found.noise_left else "further echoes, by which the deviations are larger"
     points = "1 point explains" if found.points == 1 else f"{found.points} points explain"
-    yield f"{points} {100 * found.explained:.0f} % of the echoes' power; the rest is {rest}"
-    yield f"the strongest echo is {found.sharper_db:+.1f} dB sharper"
+    share = f"{points} {100 * found.explained:.0f} % of the echoes' power"
+    if found.noise_left:
+        yield f"{share}; the rest is noise"
+    elif found.explained >= LEAST_EXPLAINED:
+        yield f"{share}; the rest is further echoes, by which the standard deviations are larger"
+    else:
+        yield (
+            f"{share}; the rest is further echoes, so that points say too little: use a capture of "
+            "a few small bright targets (balls, corners), not of a flat or long one"
+        )
+    if found.sharper_db > -BLURRED_DB:
+        yield f"the strongest echo is {found.sharper_db:+.1f} dB higher with these estimates"
+    else:
+        yield (
+            f"the strongest echo is {-found.sharper_db:.1f} dB lower with these estimates, so they "
+            "are not taken"
+        )
 
 
 def _sentence(name: str, estimate: Estimate) -> str:
     words, factor, unit = FORMS[name]
     digits = 1 if unit == "mm" else 4
-    if not estimate.determined:
-        return (
-            f"{words}: not determined; the 95 % interval would be "
-            f"±{factor * estimate.half_width:.{digits}f} {unit}"
-        )
     value, sigma, half_width = (
         f"{factor * number:.{digits}f}"
         for number in (estimate.value, estimate.sigma, estimate.half_width)
     )
+    if not estimate.determined:
+        return (
+            f"{words}: not determined; {value} {unit} would have a 95 % interval of ±{half_width}"
+        )
     return f"{words}: {value} {unit}, standard deviation {sigma}, 95 % interval ±{half_width}"
 
 

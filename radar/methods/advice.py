@@ -103,7 +103,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
                 f"{1e3 * abs(found_m - near_m):.0f} mm {way} these depths; set "
                 f"{settings({'first_depth_m': 'auto'})}"
             )
-        elif wrapped > seen.sum() / 2:
+        elif found_m is None and wrapped > seen.sum() / 2:
             yield (
                 f"the phases of {wrapped} of {seen.sum()} pixels may have wrapped; {limit}; set "
                 "first_depth_m to the target's distance"
