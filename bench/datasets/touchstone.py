@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from handbench.bench.datasets.method_tables import method_tables
 from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from handbench.radar.data.arrays import positions
 from handbench.radar.data.echoes_file import save_capture
@@ -78,8 +79,9 @@ def import_touchstone(
     tables, pairs = ({"position_m": tx_m}, None) if moved else _pairs(tx_m, rx_m)
     about = {"source": f"Touchstone files, {wanted or USUAL[Path(names[0]).suffix.lower()]}"}
     capture = Recording(samples[None, None], frequencies_hz, tables, pairs, about=about).capture()
-    facts = {"name": Path(folder).resolve().name, "kind": "scan" if moved else "other", **about}
-    description = parse(CaptureFile, {**facts, "contains": (ECHOES,)}, str(folder))
+    name, kind = Path(folder).resolve().name, "scan" if moved else "other"
+    facts = {"name": name, "kind": kind, "contains": (ECHOES,), "methods": method_tables(capture)}
+    description = parse(CaptureFile, facts | about, str(folder))
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)

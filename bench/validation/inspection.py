@@ -8,6 +8,8 @@ from typing import Any
 from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
+from handbench.bench.datasets.ti_checks import raw_warnings
+from handbench.bench.datasets.ti_profile import is_ti_raw
 from handbench.bench.results import load as load_result
 from handbench.bench.results import load_tradeoff
 from handbench.bench.run.benchmark_file import find_benchmark, load_benchmark
@@ -98,7 +100,8 @@ def _captures(path: Path) -> Found[Sequence[Path]]:
     """Return the capture folders of an input: those in a folder, or those that a benchmark names;
     none for other inputs. Yields the problem if the benchmark cannot be loaded."""
     if path.is_dir():
-        return () if is_of_photographs(path) or _is_result(path) else captures(path)
+        other = is_of_photographs(path) or _is_result(path) or _is_raw(path)
+        return () if other else captures(path)
     file = find_benchmark(str(path))
     if (
         file.suffix != ".toml"
@@ -116,16 +119,20 @@ def _is_result(folder: Path) -> bool:
     return any((folder / name).is_file() for name in ("result.json", "tradeoff.json"))
 
 
+def _is_raw(folder: Path) -> bool:
+    return is_ti_raw(folder) and not is_native(folder)
+
+
 def problems_of(
     name: str, scored: bool | None = True, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
     """Yield the problems of one input that can be found without imaging.
 
-    name: a folder (a capture, several captures, photographs, a result or a trade-off), the name of
-    a benchmark, or the file of a benchmark, a scene, a target, a board, a depth map, a mesh,
-    echoes, cameras, an array's calibration or a transform. scored: whether a capture needs a
-    reference surface (None: it need not have one). mesh, transform: for a depth map, the surface
-    that it shows, and the transform of this surface to the radar frame.
+    name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, a result
+    or a trade-off), the name of a benchmark, or the file of a benchmark, a scene, a target, a
+    board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored:
+    whether a capture needs a reference surface (None: it need not have one). mesh, transform: for a
+    depth map, the surface that it shows, and the transform of this surface to the radar frame.
     """
     path = Path(name)
     if path.is_dir():
@@ -163,6 +170,8 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
         yield from capture_problems(path, scored)
     elif is_of_photographs(path):
         yield from photo_problems(path, bool(scored))
+    elif is_ti_raw(path):
+        yield from warnings_at(path, (yield from attempt(path, partial(raw_warnings, path))) or ())
     else:
         folders = yield from attempt(path, lambda: captures(path))
         names: dict[str, Path] = {}

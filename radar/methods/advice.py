@@ -38,7 +38,7 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
     try:
         capture.tones(asked)
     except HandbenchError as error:
-        suited_to = _matching_settings(
+        suited_to = matching_settings(
             np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
         )
         try:
@@ -50,7 +50,7 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
         raise HandbenchError(f"{error}, e.g. {settings(other)}") from None
 
 
-def _matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
+def matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
     """Choose settings with which a method uses the tones_hz [f] that a capture has, highest first:
     values by the settings' names. known: names of the settings that the method has."""
     if "count" in known:

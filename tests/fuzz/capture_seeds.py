@@ -18,6 +18,9 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
 from tests.bench.datasets import test_mapping as foreign
+from tests.bench.datasets import test_ti_raw as board
+from tests.bench.datasets import test_ti_studio as studio
+from tests.bench.datasets import test_touchstone as analyser
 from tests.bench.datasets.maroon_writer import write_frame
 from tests.fuzz.geometry_seeds import depth, meshes, radar_from_photo
 
@@ -120,3 +123,22 @@ def planar_scan(folder: Path) -> None:
         for values in (samples, 22.2e9, 26.2e9, 3, [2e-3, 2e-3], 0.1):
             np.save(stream, np.array(values))
     np.savetxt(folder / "phase.txt", [[22.2e9, 24e9, 26.2e9], [0.1, 0.2, -0.3]])
+
+
+def touchstone(folder: Path) -> None:
+    """Four Touchstone files of two ports, with the positions of their antennas."""
+    files = {name: analyser.two_port(*at) for name, at in analyser.PAIRS.items()}
+    analyser.folder_of(folder, files, analyser.PAIRS)
+
+
+def ti_raw(folder: Path) -> None:
+    """A TI radar's raw capture with the SDK's profile."""
+    board.write(folder, board.CFG, board.stream(2, 3, 2, range(4), 8))
+
+
+def ti_studio(folder: Path) -> None:
+    """A TI radar's raw capture with mmWave Studio's profile."""
+    studio.write(folder, [studio.radar()], bytes(range(256)))
+    for name in ("tx_m", "rx_m"):
+        rows = "".join(f"0.00{k},0.0{k},0\n" for k in range(4))
+        (folder / f"{name}.csv").write_text("x_m,y_m,z_m\n" + rows)

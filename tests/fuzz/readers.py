@@ -14,6 +14,8 @@ from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.foam_panel import import_planar_scan
 from handbench.bench.datasets.maroon_alignment import load_any_transform
+from handbench.bench.datasets.ti_raw import import_ti_raw
+from handbench.bench.datasets.touchstone import import_touchstone
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import problems_of
 from handbench.calibration.spheres.description import load_target
@@ -178,6 +180,27 @@ READERS: tuple[Reader, ...] = (
         captures.planar_scan,
         _writing(lambda folder: import_planar_scan(folder, folder / OUT)),
         ("scan.npy", "phase.txt"),
+        3,
+    ),
+    Reader(
+        "touchstone",
+        captures.touchstone,
+        _writing(lambda folder: import_touchstone(folder, folder / OUT)),
+        ("11.s2p", "11.s2p", "positions.csv"),
+        3,
+    ),
+    Reader(
+        "ti_raw",
+        captures.ti_raw,
+        _writing(lambda folder: import_ti_raw(folder, folder / OUT)),
+        ("profile.cfg", "profile.cfg", "adc_data.bin", "tx_m.csv"),
+        3,
+    ),
+    Reader(
+        "ti_studio",
+        captures.ti_studio,
+        _writing(lambda folder: import_ti_raw(folder, folder / OUT)),
+        ("a.mmwave.json", "a.mmwave.json", "adc_data.bin"),
         3,
     ),
     Reader("scene", _benchmark, _scene, ("scene.toml",), 3),

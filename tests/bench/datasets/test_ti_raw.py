@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 import handbench as hb
-from handbench.bench.datasets.ti_raw import ChirpProfile, decode, import_ti_raw
+from handbench.bench.datasets.ti_profile import ChirpProfile
+from handbench.bench.datasets.ti_raw import import_ti_raw
+from handbench.bench.datasets.ti_samples import decode
 from handbench.cli.main import main
 from handbench.support.errors import HandbenchError
+from tests.bench.datasets.ti_captures import stream as written
 
 C = 299_792_458.0
 CHAIR = Path(__file__).parents[3].parent / "shared" / "data" / "chair60" / "raw"
@@ -47,21 +50,9 @@ def value(frame, loop, chirp, rx, n):
 
 
 def stream(frames, loops, chirps, receivers, samples, lanes=2, order="IQ", real=False):
-    """What a DCA1000 writes, as SWRA581B lists it, one 16-bit number after the other."""
-    out = []
-    for head in ((f, k, c) for f in range(frames) for k in range(loops) for c in range(chirps)):
-        if lanes == 4:
-            for n in range(samples):
-                i = [value(*head, rx, n) if rx in receivers else 0 for rx in range(4)]
-                q = [-v - 7 if rx in receivers else 0 for rx, v in enumerate(i)]
-                out += i if real else i + q if order == "IQ" else q + i
-        else:
-            for rx in receivers:
-                for n in range(0, samples, 2):
-                    i = [value(*head, rx, n), value(*head, rx, n + 1)]
-                    q = [-v - 7 for v in i]
-                    out += i if real else i + q if order == "IQ" else q + i
-    return b"".join(struct.pack("<h", number) for number in out)
+    """What a DCA1000 writes of `value`."""
+    i = np.fromfunction(value, (frames, loops, chirps, 4, samples), dtype=int)
+    return written(i + 1j * (-i - 7), receivers, lanes, order, real)
 
 
 @pytest.mark.parametrize("lanes", [2, 4])
@@ -153,30 +144,25 @@ def test_a_point_has_the_phase_of_its_path(tmp_path, board, real):
 
 @pytest.mark.skipif(not CHAIR.is_dir(), reason=f"the chair's captures are not at {CHAIR}")
 def test_a_boards_own_files(tmp_path):
-    cfg = CFG.replace("1 8 2047", "1 256 2047").replace("frameCfg 0 1 3", "frameCfg 0 63 1")
-    cfg = cfg.replace("chirpCfg 0 0", "chirpCfg 0 31").replace("chirpCfg 1 1", "chirpCfg 32 63")
+    cfg = CFG.replace("1 8 2047", "1 256 2047").replace("frameCfg 0 1 3", "frameCfg 0 1 32")
     write(tmp_path, cfg, places=False)
     (tmp_path / "adc_data.bin").unlink()
     for k in range(1, 9):
         shutil.copy(CHAIR / "adc" / f"{k}.bin", tmp_path)
-    truth = np.load(CHAIR / "sar_raw.npy", mmap_mode="r")[0, :8]
-    profile = {"start_hz": 60e9, "slope_hz_s": 29.982e12, "adc_start_s": 0, "rate_hz": 2.047e6}
-    profile |= {"samples": 256, "receivers": [1, 2, 3, 4], "loops": 1}
-    profile["transmitters"] = [1] * 32 + [3] * 32
-    numbers = np.concatenate([np.fromfile(CHAIR / "adc" / f"{k}.bin", "<i2") for k in range(1, 9)])
-    beat = decode(numbers, ChirpProfile.model_validate(profile), "here")
-    assert np.array_equal(beat[:, 0, [0, 32]].reshape(8, 8, 256), truth)
     import_ti_raw(tmp_path, tmp_path / "out", {"board": "IWR6843ISK", "sweeps": "frames"})
     echoes = hb.load(tmp_path / "out").echoes
-    samples = echoes.samples  # 32 chirps of each of 8 files
+    samples = echoes.samples  # 32 loops of each of 8 files
     assert samples.shape == (256, 256, 2, 4)
-    first = samples[::32].transpose(0, 2, 3, 1).reshape(8, 8, 256)
-    assert np.array_equal(first, truth.conj())
+    # The set has chirps 0 and 32, and takes them for those of two transmitters. But they are alike
+    # and their neighbours are not: the transmitters alternate, and both are of the first.
+    truth = np.load(CHAIR / "sar_raw.npy", mmap_mode="r")[0, :8].conj()
+    for chirp, four in ((0, slice(4)), (16, slice(4, 8))):
+        assert np.array_equal(samples[chirp::32, :, 0].transpose(0, 2, 1), truth[:, four])
     # The photograph has the chair in the middle and an open drawer of metal 1.2 m away on the left,
-    # at sin θ = 0.48 by the stereo camera.
+    # at sin θ = 0.48 by the stereo camera, whose direction to the radar's is not known.
     weighted = samples.mean(axis=0) * np.hanning(256)[:, None, None]
     sines = np.linspace(-0.8, 0.8, 81)
-    for range_m, sine in ((1.38, 0.5), (1.78, 0.0)):
+    for range_m, sine in ((1.38, 0.48), (1.78, 0.0)):
         points = range_m * np.stack([sines, 0 * sines, np.sqrt(1 - sines**2)], axis=1)
         to, back = (
             np.linalg.norm(points[:, None] - at, axis=2)
@@ -185,7 +171,7 @@ def test_a_boards_own_files(tmp_path):
         path = (to[:, :, None] + back[:, None])[:, None]
         waves = np.exp(2j * np.pi * echoes.frequencies_hz[:, None, None] * path / C)
         image = np.abs((waves * weighted).sum(axis=(1, 2, 3)))
-        assert sines[image.argmax()] == pytest.approx(sine, abs=0.05)
+        assert sines[image.argmax()] == pytest.approx(sine, abs=0.1)
 
 
 @pytest.mark.parametrize(
