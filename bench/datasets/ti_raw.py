@@ -41,8 +41,8 @@ def import_ti_raw(
     transmitters, chirps = np.unique(profile.transmitters, return_counts=True)
     if len(set(chirps)) > 1:
         raise HandbenchError(
-            f"{file}: transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
-            "loop; expected as many of each"
+            f"{file}: the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
+            "loop; expected the same number for each"
         )
     for warning in profile_warnings(source, numbers, profile):
         say(f"{source}: warning: {warning}")
