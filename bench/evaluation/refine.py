@@ -233,7 +233,9 @@ def _scatter(
     determines, held [6, k].
     It is M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ (Conley 1999), summed over
     all pairs of pixels, with M = Σ ψ' JᵀJ, b = w·n_z·J, and the correlation ρ(r; ℓ) = exp(−r²/2ℓ²).
-    weight [n] is w, curvature [n] is ψ'.
+    e [n] is the residual along z, J its derivative by the motion, n_z the
+    z component of the unit normal, r_ij the distance between two pixels. weight [n] is w, curvature
+    [n] is ψ'.
     s² is the mean square of u = w·e, divided by the share of it that the fit has not absorbed. ℓ
     follows from τ, the mean of u_i u_j/s² over the pairs with weights ρ(r_ij; q): ℓ² = q²τ/(1 − τ),
     since the integral of ρ(r; ℓ)ρ(r; q) gives τ = ℓ²/(ℓ² + q²). β is the radar's bias (BIAS_M), L
