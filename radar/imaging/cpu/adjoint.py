@@ -115,9 +115,9 @@ def scatter(  # type: ignore[no-untyped-def]
     2, a, b], 2 for real and imaginary part. It is the adjoint of `forward.gather`.
 
     source: `PackedScatterers`, of which starts[i]:starts[i + 1] are in the cell's leaf i;
-    turns_per_m: f/c of the cell's k tones; leaves: the boxes and their nodes; passes: how often the
-    path goes from transmitter to target and back (2 for a scan); reference_m: path whose phase is
-    left out; shape: that of the result.
+    turns_per_m: f/c of the cell's k tones; leaves: the boxes and their nodes; passes [2]: how often
+    the path goes between target and transmitter, and between target and receiver; reference_m [2]:
+    lengths of both whose phase is left out; shape: that of the result.
     """
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):
