@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 import shutil
 import sys
+import time
 import tomllib
 from dataclasses import replace
 from datetime import date
@@ -21,6 +22,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.ndimage import uniform_filter1d
 
 from handbench.bench.datasets.mapped_capture import MAPPING
 from handbench.bench.datasets.named_arrays import read_arrays
@@ -58,6 +60,7 @@ EDGES_M = {"m5": 0.05, "m7": 0.07, "m10": 0.10, "m15": 0.15}  # of the dihedrals
 # of the dihedrals' radar, from its authors' example: below its beam, and to the corner
 BELOW_M, DISTANCE_M, DIHEDRAL_HZ = 0.067, 0.896, np.linspace(77e9, 80.07e9, 5)
 FLASH_DEG = 34.0, 49.0  # where a face turns its normal to the radar
+FRINGE_DEG = 0.5  # fringes of a face and the corner behind it are finer
 
 
 def gather(folder: Path, work: Path) -> set[str]:
@@ -225,7 +228,6 @@ def chair(work: Path) -> str:
     panels = [
         ("radar, offset removed", np.where(use, depth.z_m - offset_m, np.nan)),
         ("stereo camera", np.where(use, truth_m, np.nan)),
-        ("difference", np.where(use, error_m, np.nan)),
     ]
     save(
         measured_figure([(title, depth.x_m, depth.y_m, z_m) for title, z_m in panels]),
@@ -247,20 +249,19 @@ def chair(work: Path) -> str:
 def dihedrals(work: Path) -> str:
     """Compare the echoes of turned dihedrals with simulated ones; draw both and return a table of
     the faces' flashes."""
-    angles_deg = np.concatenate([np.arange(0, FLASH_DEG[0], 1), np.arange(*FLASH_DEG, 0.25)])
-    cache = work / "dihedrals" / "simulated.npy"
-    if not cache.is_file():
-        simulated = [
-            [dihedral_power(edge_m, np.radians(deg)) for deg in angles_deg]
-            for edge_m in EDGES_M.values()
-        ]
-        np.save(cache, 10 * np.log10(simulated))
+    angles_deg = np.concatenate([np.arange(0, FLASH_DEG[0], 1), np.arange(*FLASH_DEG, 0.1)])
+    start = time.perf_counter()
+    simulated = [
+        [dihedral_power(edge_m, np.radians(deg)) for deg in angles_deg]
+        for edge_m in EDGES_M.values()
+    ]
+    print(f"simulated in {time.perf_counter() - start:.0f} s")
     lines = []
     with rc_context(STYLE):
         figure = Figure(figsize=(5.4, 4.2), layout="constrained")
         axes = figure.subplots(2, 2, sharex=True, sharey=True).ravel()
         for axis, (name, edge_m), ours_db in zip(
-            axes, EDGES_M.items(), np.load(cache), strict=True
+            axes, EDGES_M.items(), 10 * np.log10(simulated), strict=True
         ):
             cube = np.fromfile(work / "dihedrals" / name, "<c8").reshape(601, 256)
             theirs_deg = 53.8 * np.linspace(1, -1, 601) - 2.8
@@ -310,11 +311,12 @@ def draw_dihedral(axis: Axes, edge_m: float, theirs: tuple, ours: tuple) -> None
 
 
 def flash_width_deg(angle_deg: np.ndarray, power_db: np.ndarray) -> float:
-    """How many degrees of FLASH_DEG are within 3 dB of its maximum, by interpolation."""
-    fine_deg = np.arange(*FLASH_DEG, 0.01)
-    order = np.argsort(angle_deg)
-    fine_db = np.interp(fine_deg, angle_deg[order], power_db[order])
-    return 0.01 * np.count_nonzero(fine_db > fine_db.max() - 3)
+    """How many degrees of FLASH_DEG are within 3 dB of its maximum; the power is first averaged
+    over FRINGE_DEG."""
+    fine_deg, order = np.arange(*FLASH_DEG, 0.01), np.argsort(angle_deg)
+    power = 10 ** (np.interp(fine_deg, angle_deg[order], power_db[order]) / 10)
+    power = uniform_filter1d(power, round(FRINGE_DEG / 0.01))
+    return 0.01 * np.count_nonzero(power > power.max() / 2)
 
 
 def dihedral_power(edge_m: float, turn_rad: float) -> float:
@@ -323,7 +325,7 @@ def dihedral_power(edge_m: float, turn_rad: float) -> float:
     array = AntennaArray(np.array([[-0.001, 0.0, 0.0]]), np.array([[0.001, 0.0, 0.0]]))
     times_s = np.zeros(len(DIHEDRAL_HZ))
     body = dihedral(edge_m, turn_rad)
-    scene = EchoScene(array, DIHEDRAL_HZ, times_s, body, coarser=2.0, mirrors_coarser=4.0)
+    scene = EchoScene(array, DIHEDRAL_HZ, times_s, body, coarser=2.0, mirrors_coarser=2.0)
     echoes = bare_echoes(scene)
     for effect in EFFECTS:
         if effect.id in ("obliquity", "multipath"):

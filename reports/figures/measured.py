@@ -25,11 +25,11 @@ def measured_figure(shown: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarra
             drawn = axis.pcolormesh(1e3 * x_m, 1e3 * y_m, 1e3 * z_m, cmap="viridis_r")
             right, left, low, high = box_of([SurfaceMap(x_m, y_m, z_m)])
             axis.set(title=title, aspect="equal", xlim=(right, left), ylim=(low, high))
-            figure.colorbar(drawn, ax=axis, shrink=0.8)
+            figure.colorbar(drawn, ax=axis, label="z in mm")
         for axis in axes[len(shown) :]:
             axis.set_axis_off()
         for axis in axes[::columns]:
             axis.set_ylabel("y in mm")
         for axis in axes[max(len(shown) - columns, 0) : len(shown)]:
-            axis.set_xlabel("x in mm; colours: z in mm")
+            axis.set_xlabel("x in mm")
     return figure
