@@ -223,7 +223,9 @@ def _samples_and_gains(
 def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.ndarray:
     """Read complex numbers, with all axes of ORDER; one that the file lacks has length one.
     counts: axis → its expected length, if known."""
-    groups = [(axis,) if isinstance(axis, str) else axis for axis in entry.axes]
+    groups: list[tuple[str, ...]] = [
+        (axis,) if isinstance(axis, str) else axis for axis in entry.axes
+    ]
     if entry.reversed:
         groups = [group[::-1] for group in groups[::-1]]
     parts = {}

@@ -197,7 +197,12 @@ def _matching_hdf5(file: "h5py.File", name: str) -> list[str]:
     if "*" not in name:
         return [name] if _stored_name(file, name) else []
     names: list[str] = []
-    file.visit(lambda found: names.append(found) or (len(names) > MOST_FILES or None))
+
+    def list_name(found: str) -> bool | None:
+        names.append(found)
+        return len(names) > MOST_FILES or None  # True ends the visit
+
+    file.visit(list_name)
     plain = [found for found in names if isinstance(file[found], h5py.Dataset)]
     cells = name.removesuffix("/*")
     if cells != name and (count := len(_cells(file, cells))):

@@ -58,9 +58,11 @@ def image_measured(folder: str | Path) -> Iterator[MeasuredImage]:
     found = False
     for path in captures(folder):
         capture = open_capture(path)
-        echoes = capture.echoes(1) if capture.about.methods else None
-        for id in capture.about.methods if echoes else ():
-            found, settings = True, configuration(path, id, {})
+        if not capture.about.methods:
+            continue
+        found, echoes = True, capture.echoes(1)
+        for id in capture.about.methods:
+            settings = configuration(path, id, {})
             start = time.perf_counter()
             depth = image(echoes, method(id), settings)
             seconds = time.perf_counter() - start

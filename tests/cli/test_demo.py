@@ -83,7 +83,8 @@ def test_measured_captures_are_imaged_by_the_methods_that_they_set_up(tmp_path, 
     shown = capsys.readouterr().out
     assert re.search(r"point.*3-FSK.*100 .*10\.0, 0\.0, (99|100)\.", shown), shown
     assert "other" not in shown
-    assert Image.open(tmp_path / "out" / "measured.png").width > 200
+    with Image.open(tmp_path / "out" / "measured.png") as picture:
+        assert picture.width > 200
     assert main(["demo", "--measured", str(tmp_path / "other")]) == 2
     assert "sets up a method" in capsys.readouterr().err
 
