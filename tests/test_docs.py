@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.mapped_capture import Mapping
+from handbench.bench.datasets.mapping import Mapping
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile

@@ -25,7 +25,7 @@ from handbench.support.files import atomic_folder, require_folder
 ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
 # what can be imported, by the name of its data set
 FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}
-KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (HDF5, MATLAB) or radar_*/calibrated_data (MAROON)"
+KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (other programs) or radar_*/calibrated_data (MAROON)"
 # a file in a folder that has to be imported → the name of its data set
 RAW = {
     "scan.npy": "planar_scan",

@@ -1,364 +1,283 @@
-"""Captures with echoes in an HDF5 or MATLAB file of another program. A `mapping.toml` next to the
-file says which data sets of the file contain what, and how they are laid out."""
+"""Captures whose echoes are in another program's files; a `mapping.toml` next to them names the
+data sets."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+import math
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
+from handbench.bench.datasets.mapping import (
+    ORDER,
+    RE_IM,
+    UNITS,
+    ArrayMapping,
+    Column,
+    ComplexMapping,
+    Mapping,
+    PositionsMapping,
+    SamplesMapping,
+    Steps,
+    TableMapping,
+)
+from handbench.bench.datasets.named_arrays import Read, read_arrays
 from handbench.bench.datasets.native import CaptureFile, NativeCapture
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.recording import Recording, join_arrays
-from handbench.support.config import Config, load
+from handbench.support.config import load
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside, require_file
-from handbench.support.hdf5 import local_item, open_hdf5, read
-from handbench.support.matlab import read_matlab
 
 MAPPING = "mapping.toml"
-RE_IM = "re_im"  # an axis of two: real and imaginary part
-CHANNELS = ({"tx", "rx"}, {"pair"}, {"position"})  # that samples have axes of, and …
-TABLES = ({"tx", "rx"}, {"tx", "rx", "pairs"}, {"position"})  # … the tables that there are then
-InFile = Annotated[str, Field(min_length=1, max_length=1000)]
-Axis = Literal["frame", "sweep", "frequency", "tx", "rx", "pair", "position", "re_im"]
-UNITS = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "GHz": 1e9, "m": 1.0, "cm": 1e-2, "mm": 1e-3}
 PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's
-ORDER = ("frame", "sweep", "frequency", "tx", "rx", "pair", "position")  # of a recording's axes
-
-Read = Callable[[str], np.ndarray]  # from a name to the whole data set as it is stored
-
-
-class GainsMapping(Config):
-    """Names and layout of the data sets with the gains of the channels, by which samples are
-    divided; the base of the description of any complex numbers in another program's file.
-
-    dataset: name of one data set of complex numbers; or real and imag: names of two data sets.
-    axes: in the order of the program that wrote the file. reversed: True if the file stores the
-    axes in the opposite order, as MATLAB's files do.
-    """
-
-    dataset: InFile | None = None
-    real: InFile | None = None
-    imag: InFile | None = None
-    axes: tuple[Axis, ...]
-    reversed: bool
-
-    @property
-    def datasets(self) -> list[str]:
-        """Names of the data sets: one of complex numbers, or two of the real and imaginary
-        parts."""
-        return [name for name in (self.dataset, self.real, self.imag) if name is not None]
-
-    @property
-    def channels(self) -> set[str]:
-        """The axes that count channels: "tx" and "rx", "pair", or "position"."""
-        return {str(axis) for axis in self.axes} - {"frame", "sweep", "frequency", RE_IM}
-
-    @model_validator(mode="after")
-    def _require_named_once(self) -> "GainsMapping":
-        pair = self.real is not None and self.imag is not None
-        if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
-            raise ValueError('give either dataset = "…", or both real = "…" and imag = "…"')
-        if len(set(self.axes)) < len(self.axes):
-            raise ValueError("an axis is named twice; name each axis once")
-        if self.channels not in CHANNELS:
-            raise ValueError(
-                'the axes must include "tx" and "rx", or "pair", or "position" (for one '
-                "transceiver that is moved)"
-            )
-        if RE_IM in self.axes and pair:
-            raise ValueError(
-                'real and imag are two data sets, so the axes must not include "re_im"; remove it'
-            )
-        return self
-
-
-class SamplesMapping(GainsMapping):
-    """Names and layout of the data sets with the echoes in another program's file.
-
-    sign: sign of j2πf·path/v in the exponent of an echo with wave speed v, and in that of the
-    gains. sweeps: whether the sweeps of a frame are averaged ("mean") or each becomes a frame
-    ("frames").
-    """
-
-    sign: Literal["-", "+"]
-    sweeps: Literal["mean", "frames"] | None = None
-
-    @model_validator(mode="after")
-    def _all_axes(self) -> "SamplesMapping":
-        if "frequency" not in self.axes:
-            raise ValueError('the axes do not include "frequency"; add it')
-        if (self.sweeps is not None) != ("sweep" in self.axes):
-            raise ValueError(
-                'the axis "sweep" and the key sweeps (= "mean" or "frames") need each other; give '
-                "both or none"
-            )
-        return self
-
-
-class FrequenciesMapping(Config):
-    """Name and unit of the data set with the frequencies [f] in another program's file."""
-
-    dataset: InFile
-    unit: Literal["Hz", "kHz", "MHz", "GHz"]
-
-
-class PositionsMapping(Config):
-    """Name, unit and layout of a data set with antenna positions [n, 3] (x, y, z) in another
-    program's file.
-
-    reversed: True if the file stores the axes in the opposite order, as MATLAB's files do. x:
-    direction of the file's x axis for somebody at the array who looks at the target; handbench's x
-    axis points left.
-    """
-
-    dataset: InFile
-    unit: Literal["m", "cm", "mm"]
-    reversed: bool
-    x: Literal["left", "right"]
-
-
-class PairsMapping(Config):
-    """Name and layout of the data set with the measured pairs of antennas [n, 2] (transmitter,
-    receiver) in another program's file.
-
-    reversed: True if the file stores the axes in the opposite order, as MATLAB's files do. first:
-    number of the first antenna, 0 or (in MATLAB) 1.
-    """
-
-    dataset: InFile
-    reversed: bool
-    first: Literal[0, 1]
-
-
-class ArrayMapping(Config):
-    """Names and layouts of all data sets of one antenna array: echoes, positions of the antennas,
-    measured pairs, and gains."""
-
-    samples: SamplesMapping
-    tx: PositionsMapping | None = None
-    rx: PositionsMapping | None = None
-    position: PositionsMapping | None = None
-    pairs: PairsMapping | None = None
-    gains: GainsMapping | None = None
-
-    @property
-    def datasets(self) -> list[str]:
-        """Names of all data sets that belong to this array."""
-        tables = [self.tx, self.rx, self.position, self.pairs]
-        complexes = [self.samples, self.gains]
-        return [t.dataset for t in tables if t] + [
-            name for c in complexes if c for name in c.datasets
-        ]
-
-    @model_validator(mode="after")
-    def _tables_of_the_axes(self) -> "ArrayMapping":
-        needed = TABLES[CHANNELS.index(self.samples.channels)]
-        for name in ("tx", "rx", "position", "pairs"):
-            if (getattr(self, name) is not None) != (name in needed):
-                axis = name.removesuffix("s") + ('" or "pair' if name in ("tx", "rx") else "")
-                raise ValueError(
-                    f'the table [{name}] and the axis "{axis}" of samples.axes need each other; '
-                    "give both or none"
-                )
-        if self.gains and {*self.gains.axes} - {"frequency", RE_IM} != self.samples.channels:
-            raise ValueError(
-                'gains.axes must have the same antenna axes as samples.axes, and "frequency" if '
-                "the gains differ by tone"
-            )
-        return self
-
-
-class Mapping(ArrayMapping):
-    """The content of a `mapping.toml`.
-
-    file: the HDF5 or MATLAB file. capture: description of the capture, with the keys of a
-    `capture.toml`. array: further antenna arrays, whose receivers record only their own
-    transmitters.
-    """
-
-    version: Literal[1]
-    file: InFile
-    capture: CaptureFile
-    frequencies: FrequenciesMapping
-    wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
-    licence: str = ""
-    array: tuple[ArrayMapping, ...] = ()
 
 
 @dataclass(frozen=True)
 class MappedCapture(NativeCapture):
-    """A capture in a folder with a `mapping.toml`, which describes an HDF5 or MATLAB file with the
-    echoes. Mesh, photographs and transform are stored as in handbench's own capture folders."""
+    """A folder with a `mapping.toml`; mesh, photographs and transform are as in a capture
+    folder."""
 
     @staticmethod
     def fits(folder: Path) -> bool:
-        """Tell whether `folder` has a `mapping.toml`, so that this class can read it."""
+        """True if this adapter reads the capture in `folder`."""
         return (folder / MAPPING).is_file()
 
     @cached_property
     def mapping(self) -> Mapping:
-        """The content of the capture's mapping.toml."""
-        return load(Mapping, self.folder / MAPPING, "a mapping of an HDF5 or MATLAB file")
+        """The content of its mapping.toml."""
+        return load(Mapping, self.folder / MAPPING, "a mapping of other programs' files")
 
     @property
     def about(self) -> CaptureFile:
-        """The description of the capture, from its mapping.toml."""
+        """The description of the capture."""
         return self.mapping.capture
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Read the echoes of the first `frames` frames (None: all).
 
         Gains in the mapping are always applied. calibrated: apply the capture's corrections
-        (`corrections.json`), too, and print a line about them. Raises HandbenchError if the file
-        does not agree with its mapping.
+        (`corrections.json`), too, and print a line about them. Raises HandbenchError if the files
+        do not agree with the mapping.
         """
         mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
-        path = require_file(
-            inside(self.folder, mapping.file, MAPPING),
-            "the HDF5 or MATLAB file that mapping.toml names",
-        )
+        names = {name for array in arrays for name in array.datasets}
+        if mapping.frequencies.dataset is not None:
+            names.add(mapping.frequencies.dataset)
         try:
-            with _reader(
-                path,
-                {
-                    mapping.frequencies.dataset,
-                    *(name for array in arrays for name in array.datasets),
-                },
-            ) as of:
-                capture = join_arrays(
-                    [_recording(of, mapping, array).capture() for array in arrays]
-                )
+            read = read_arrays(self.folder, names, mapping.file, MAPPING)
+            capture = join_arrays([_recording(read, mapping, array).capture() for array in arrays])
             capture = replace(capture, samples=capture.samples[:frames])
             return self._corrected(capture) if calibrated else capture
         except HandbenchError as error:
-            raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
-        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
-            reason = " ".join(str(error).split())
+            message = str(error)
+            known = message.startswith(f"{self.folder}/")  # about one of the files
+            where = "" if known else f"{self.folder / MAPPING}: "
+            raise HandbenchError(where + message) from None
+
+
+def _recording(read: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
+    """Read one array of the mapping."""
+    frequencies_hz = _frequencies_hz(read, mapping)
+    antennas_m = {
+        name: entry.scale_m * _table(read, entry, 3, name)
+        for name in ("tx", "rx")
+        if (entry := getattr(array, name)) is not None
+    }
+    pairs, places_m, grid = None, None, dict[str, int]()
+    if array.pairs is not None:
+        pairs = _table(read, array.pairs, 2, "pairs") - array.pairs.first
+    if array.position is not None:
+        places_m, grid = _places_m(read, array.position, array.samples)
+    counts = {"frequency": len(frequencies_hz), RE_IM: 2, **grid}
+    counts |= {"pair": len(pairs)} if pairs is not None else {}
+    for name, table in antennas_m.items() if pairs is None else ():
+        counts[name] = len(table)
+        if len(table) > 1 and name not in array.samples.counted:
             raise HandbenchError(
-                f"{path}: is not a readable HDF5 or MATLAB file ({reason}); copy it again"
-            ) from error
-
-
-@contextmanager
-def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
-    """Open an HDF5 or MATLAB file, and yield a function that reads one of its data sets by name.
-
-    wanted: names of the data sets that the file must have. Raises HandbenchError with the names of
-    those that are missing.
-    """
-    import h5py
-
-    matlab = not h5py.is_hdf5(path)
-    source: AbstractContextManager[Any] = (
-        nullcontext(read_matlab(path)) if matlab else open_hdf5(path)
-    )
-    with source as file:
-        found = file.get if matlab else partial(local_item, file)
-        if lacking := [name for name in sorted(wanted) if found(name) is None]:
-            names: dict[str, int] = dict.fromkeys(file, 0) if matlab else {}
-            if not matlab:
-                file.visit(lambda name: names.setdefault(name, len(names)) > 100 or None)
-            there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
-            lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
-            raise HandbenchError(
-                f"has no {lacks}; the file has {', '.join(there[:12]) or 'no data sets'}"
+                f"{name} has {len(table)} antennas; expected one, or '{name}' in samples.axes"
             )
-        yield file.__getitem__ if matlab else partial(read, file, path=path)
-
-
-def _recording(of: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
-    """Read the echoes, antenna positions, measured pairs and gains of one array. of: function that
-    reads a data set of the file by name."""
-    frequencies_hz = _real(of, mapping.frequencies.dataset)
-    if frequencies_hz.size == 0 or frequencies_hz.size != max(frequencies_hz.shape, default=0):
-        # MATLAB's have an axis of one more
-        raise _wrong(mapping.frequencies.dataset, frequencies_hz, "[frequency]")
-    with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
-        frequencies_hz = frequencies_hz.reshape(-1) * UNITS[mapping.frequencies.unit]
-    given = {
-        name: at for name in ("tx", "rx", "position") if (at := getattr(array, name)) is not None
-    }
-    places = {name: _table(of, at, 3, f"of {name}") * UNITS[at.unit] for name, at in given.items()}
-    places_m = {
-        f"{name}_m": p * ([-1, 1, 1] if given[name].x == "right" else 1)
-        for name, p in places.items()
-    }
-    pairs = (
-        None if array.pairs is None else _table(of, array.pairs, 2, "of pairs") - array.pairs.first
-    )
-    counts = {name: len(place) for name, place in places.items()} | {
-        "frequency": len(frequencies_hz),
-        RE_IM: 2,
-    }
-    counts |= {} if pairs is None else {"pair": len(pairs)}
-    samples = _complex(of, array.samples, counts)
-    for place, axis in enumerate(ORDER[:2]):
-        samples = samples if axis in array.samples.axes else np.expand_dims(samples, place)
-    gains = None if array.gains is None else _complex(of, array.gains, counts)
-    if array.samples.sign == "+":
-        samples, gains = samples.conj(), None if gains is None else gains.conj()
-    about = {
-        "wave_speed_m_s": mapping.wave_speed_m_s,
-        "source": mapping.capture.source or "",
-        "licence": mapping.licence,
-    }
+    samples, gains = _samples_and_gains(read, array, counts)
+    tables_m, pairs = _channels(antennas_m, pairs, places_m)
+    channels = [len(table) for table in tables_m.values()] if pairs is None else [len(pairs)]
     return Recording(
-        samples, frequencies_hz, places_m, pairs, gains, array.samples.sweeps or "mean", about
+        samples.reshape(*samples.shape[:3], *channels),
+        frequencies_hz,
+        tables_m,
+        pairs,
+        None if gains is None else gains.reshape(*gains.shape[:-6], *channels),
+        array.samples.sweeps or "mean",
+        {
+            "wave_speed_m_s": mapping.wave_speed_m_s,
+            "source": mapping.capture.source or "",
+            "licence": mapping.licence,
+        },
     )
 
 
-def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what: str) -> np.ndarray:
-    """Read a data set of real numbers [n, columns]. of: function that reads a data set by name;
-    entry: its name and layout; what: description of its content for the message if its shape is
-    wrong."""
-    stored = _real(of, entry.dataset)
+def _frequencies_hz(read: Read, mapping: Mapping) -> np.ndarray:
+    """Read the tones [f], hertz."""
+    entry = mapping.frequencies
+    if entry.steps is not None:
+        found = entry.steps.values()
+    else:
+        found = _real(read, entry.dataset or "")
+        if found.size == 0 or found.size != max(found.shape, default=0):
+            # MATLAB's have an axis of one more
+            raise _wrong(entry.dataset or "", found, "[frequency]")
+    with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
+        return found.reshape(-1) * UNITS[entry.unit]
+
+
+def _table(
+    read: Read, entry: TableMapping, columns: int, what: str, turned: bool = False
+) -> np.ndarray:
+    """Read a table of real numbers [n, columns]; columns that are left out are 0. what: the table's
+    name; turned: as of `_column`."""
+    if entry.columns is not None:
+        found = [_column(read, column, turned) for column in entry.columns]
+        lengths = {len(column) for column in found} - {1} or {1}
+        if len(lengths) > 1 or len(found) > columns:
+            raise HandbenchError(
+                f"{what}.columns have {', '.join(str(len(column)) for column in found)} values; "
+                f"expected {columns} columns at most, each with one value or all with as many"
+            )
+        found += [np.zeros(1)] * (columns - len(found))
+        return np.stack([np.broadcast_to(column, max(lengths)) for column in found], axis=1)
+    name = entry.dataset or ""
+    stored = _real(read, name)
     if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
         expected = (
-            f"[{columns}, n], because reversed = true," if entry.reversed else f"[n, {columns}]"
+            f"[{columns}, n] as stored, for it is reversed" if entry.reversed else f"[n, {columns}]"
         )
-        raise _wrong(entry.dataset, stored, f"{expected} {what}")
+        raise _wrong(name, stored, f"{expected} of {what}")
     return stored.T if entry.reversed else stored
 
 
-def _complex(of: Read, entry: GainsMapping, counts: dict[str, int]) -> np.ndarray:
-    """Read an array of complex numbers. of: function that reads a data set by name; entry: names
-    and layout of the data sets; counts: expected length of each axis, where known.
+def _column(read: Read, column: Column, turned: bool = False) -> np.ndarray:
+    """Read the numbers of a column [n]; a data set with several axes in the order in which it is
+    stored. turned: in the order of the reversed axes."""
+    if isinstance(column, Steps):
+        return column.values()
+    if not isinstance(column, str):
+        return np.array(column, np.float64).reshape(-1)
+    values = _real(read, column)
+    return (values.T if turned else values).reshape(-1)
 
-    The axes of the result are in handbench's order (frame, sweep, frequency, tx, rx, pair,
-    position), without those that the file lacks. Raises HandbenchError if an axis has another
-    length.
-    """
-    axes: tuple[str, ...] = entry.axes[::-1] if entry.reversed else entry.axes
-    parts = {name: of(name) for name in entry.datasets}
-    if entry.reversed:  # MATLAB has no last axes of length one
-        parts = {
-            name: values.reshape((1,) * (len(axes) - values.ndim) + values.shape)
-            for name, values in parts.items()
-        }
-    for name, values in parts.items():
-        expected = tuple(
-            counts.get(axis, size) for axis, size in zip(axes, values.shape, strict=False)
-        )
-        if values.ndim != len(axes) or values.shape != expected or values.size == 0:
-            known = ", ".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in axes)
-            raise _wrong(name, values, f"[{known}] as stored")
+
+def _places_m(
+    read: Read, entry: PositionsMapping, samples: SamplesMapping
+) -> tuple[np.ndarray, dict[str, int]]:
+    """Read the places [n, 3], metres, to which antennas are moved, and how many places each axis
+    counts. Of a grid, the columns of x and y have the coordinates along these axes."""
+    if "position" in samples.counted:
+        turned = bool(entry.reversed) != samples.reversed
+        places = _table(read, entry, 3, "position", turned)
+        return entry.scale_m * places, {"position": len(places)}
+    columns = [_column(read, column) for column in (*(entry.columns or ()), 0.0, 0.0)[:3]]
+    counts = {"y": len(columns[1]), "x": len(columns[0])}
+    for axis, count in {**counts, "z": len(columns[2])}.items():
+        if count > 1 and axis not in samples.counted:
+            raise HandbenchError(
+                f"position.columns have {count} values of {axis}; expected one, or '{axis}' in "
+                "samples.axes"
+            )
+    y, x = np.meshgrid(columns[1], columns[0], indexing="ij")
+    places = np.stack([x.ravel(), y.ravel(), np.broadcast_to(columns[2], x.size)], axis=1)
+    return entry.scale_m * places, counts
+
+
+def _channels(
+    antennas_m: dict[str, np.ndarray], pairs: np.ndarray | None, places_m: np.ndarray | None
+) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """Positions by name and list of pairs of a `Recording`. Antennas that are moved to places_m [n,
+    3] become as many, all pairs of the first place before those of the next."""
+    tables_m = {f"{name}_m": at_m for name, at_m in antennas_m.items()}
+    if places_m is None:
+        return tables_m, pairs
+    if not tables_m:
+        return {"position_m": places_m}, None
+    counts = np.array([len(at_m) for at_m in tables_m.values()])
+    of_place = np.argwhere(np.ones(counts)) if pairs is None else pairs
+    moved_m = {k: (places_m[:, None] + at_m).reshape(-1, 3) for k, at_m in tables_m.items()}
+    first = np.arange(len(places_m))[:, None, None] * counts
+    return moved_m, (first + of_place).reshape(-1, 2)
+
+
+def _samples_and_gains(
+    read: Read, array: ArrayMapping, counts: dict[str, int]
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Read samples, without the background, and what they are divided by; both have all axes of
+    ORDER, the gains from "frequency" on, or from the places on if they are the same at each."""
+    samples, gains = _complex(read, array.samples, counts), None
+    if array.background is not None:
+        samples = samples - _complex(read, array.background, counts)
+    if array.gains is not None:
+        [[gains]] = _complex(read, array.gains, counts)
+        with np.errstate(invalid="ignore", over="ignore"):  # 0, of a dead channel, becomes NaN
+            gains = gains / np.abs(gains) if array.gains.phase_only else gains
+            gains = gains**array.gains.passes
+        gains = np.broadcast_to(gains, (len(gains), *samples.shape[3:]))
+        gains = gains[0] if len(gains) == 1 else gains
+    if array.samples.sign == "+":
+        samples, gains = samples.conj(), None if gains is None else gains.conj()
+    return samples, gains
+
+
+def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.ndarray:
+    """Read complex numbers, with all axes of ORDER; one that the file lacks has length one.
+    counts: axis → its expected length, if known."""
+    groups: list[tuple[str, ...]] = [
+        (axis,) if isinstance(axis, str) else axis for axis in entry.axes
+    ]
+    if entry.reversed:
+        groups = [group[::-1] for group in groups[::-1]]
+    parts = {}
+    for name in entry.datasets:
+        stored = read(name)
+        if (shape := _flat_shape(stored.shape, groups, counts, entry.reversed)) is None:
+            known = ", ".join(
+                "·".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in group)
+                for group in groups
+            )
+            raise _wrong(name, stored, f"[{known}] as stored")
+        parts[name] = stored.reshape(shape)
+    axes = tuple(entry.counted[::-1] if entry.reversed else entry.counted)
     # what is infinite is refused with the capture
     with np.errstate(invalid="ignore", over="ignore"):
         values = _joined(parts, axes)
     axes = tuple(axis for axis in axes if axis != RE_IM)
-    return values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
+    values = values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
+    return np.expand_dims(values, [k for k, axis in enumerate(ORDER) if axis not in axes])
+
+
+def _flat_shape(
+    shape: tuple[int, ...], groups: list[tuple[str, ...]], counts: dict[str, int], reversed: bool
+) -> list[int] | None:
+    """Compute the shape that an array has with one axis for each thing that it counts; None if it
+    does not fit.
+    shape: as stored; groups: what each stored axis counts. reversed: the file is MATLAB's, which
+    leaves out last axes of length one. Axes of length one that count nothing are left out."""
+    if reversed:
+        shape = (1,) * (len(groups) - len(shape)) + shape
+    ones = [k for k, size in enumerate(shape) if size == 1][: max(len(shape) - len(groups), 0)]
+    sizes = [size for k, size in enumerate(shape) if k not in ones]
+    if len(sizes) != len(groups) or 0 in sizes:
+        return None
+    flat: list[int] = []
+    for group, stored in groupby(zip(groups, sizes, strict=True), key=lambda pair: pair[0]):
+        size = math.prod(size for _, size in stored)  # of several axes only for `position`
+        unknown = [axis for axis in group if axis not in counts]
+        known = math.prod(counts.get(axis, 1) for axis in group)
+        if len(unknown) > 1 or size % known or (not unknown and size != known):
+            return None
+        flat += [counts.get(axis, size // known) for axis in group]
+    return flat
 
 
 def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
-    """Combine real and imaginary parts to complex numbers. parts: one or two data sets by name;
-    axes: names of their axes in order, where "re_im" is an axis of length two with both parts."""
+    """Join real and imaginary parts to complex numbers. parts: name → data set, one or two; axes:
+    of these arrays, in order."""
     if len(parts) == 2 or RE_IM in axes:
         given = [_require_real(name, values) for name, values in parts.items()]
         real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)
@@ -369,23 +288,24 @@ def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
             return values[real] + 1j * values[imag]
     if values.dtype.kind != "c":
         raise HandbenchError(
-            f"'{name}' has values of type {values.dtype}; expected complex numbers; name the data "
-            'sets of both parts (real, imag), or the axis "re_im"'
+            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of "
+            "both parts (real, imag) "
+            'or the axis "re_im"'
         )
     return values
 
 
-def _real(of: Read, name: str) -> np.ndarray:
-    return _require_real(name, of(name)).astype(np.float64)
+def _real(read: Read, name: str) -> np.ndarray:
+    return _require_real(name, read(name)).astype(np.float64)
 
 
 def _require_real(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "iuf":
-        raise HandbenchError(f"'{name}' has values of type {values.dtype}; expected real numbers")
+        raise HandbenchError(f"'{name}' holds {values.dtype}; expected real numbers")
     return values
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
     return HandbenchError(
-        f"'{name}' has shape {values.shape}; expected {expected}; correct mapping.toml"
+        f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml"
     )

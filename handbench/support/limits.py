@@ -8,6 +8,7 @@ from typing import Any
 MB = 2**20
 TOML_BYTES = MB // 4
 JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
+TABLE_BYTES = 64 * MB  # of measured samples as text
 TOUCHSTONE_BYTES = 8 * MB  # 50,000 tones of two ports
 # of a benchmark's table or record: a thousand captures, nine methods, three references
 RESULT_BYTES = 256 * MB

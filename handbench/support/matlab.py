@@ -1,11 +1,11 @@
-"""Reader of MATLAB files before version 7.3 (`save -v6`, `-v7`), for arrays of numbers only, after
-MathWorks' "MAT-File Format". Files of version 7.3 are HDF5. (SciPy's reader, which is compiled,
-crashes on some broken files.)"""
+"""Reader of MATLAB files before version 7.3 (`save -v6`, `-v7`), for arrays of numbers, also within
+structures and cells, after MathWorks' "MAT-File Format". Files of version 7.3 are HDF5. (SciPy's
+reader, which is compiled, crashes on some broken files.)"""
 
 import struct
 import zlib
 from collections.abc import Iterator
-from itertools import islice
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,15 @@ from handbench.support.limits import ARRAY_BYTES, MOST_MEMBERS
 ORDERS = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}  # how the header ends: version and order of bytes
 # bytes, bytes, kinds of element, flag of an array
 HEADER, TAG, MATRIX, COMPRESSED, COMPLEX = (128, 8, 14, 15, 0x800)
-NUMBERS = range(6, 16)  # classes of arrays
+CELL, STRUCTURE, NUMBERS = 1, 2, range(6, 16)  # classes of arrays
+MOST_ARRAYS = 20_000  # within one variable
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 
 
 def read_matlab(path: Path) -> dict[str, np.ndarray]:
     """Return the numeric arrays of a MATLAB file: name → array, with the order of axes reversed, as
-    in a MATLAB file stored as HDF5.
+    in a MATLAB file stored as HDF5. A field of a structure is "structure/field", a cell "cells/1",
+    and in an array of structures "structure/field/1".
     Raises ValueError for a broken file, and for arrays that unpack to more than 256 MB
     (ARRAY_BYTES)."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
@@ -41,13 +43,14 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
                     "save it with -v7.3"
                 )
             if kind == MATRIX:
-                found |= _array(element, order)
+                found |= islice(_arrays(element, order), MOST_ARRAYS)
     except (
         ValueError,
         TypeError,
         KeyError,
         IndexError,
         StopIteration,
+        RecursionError,
         struct.error,
         zlib.error,
     ) as error:
@@ -70,17 +73,48 @@ def _elements(content: memoryview, order: str) -> Iterator[tuple[int, memoryview
         at += TAG
 
 
-def _array(matrix: memoryview, order: str) -> dict[str, np.ndarray]:
-    """Decode a MATLAB variable: {name: array}, empty for text, structures and other classes without
-    numbers.
-    matrix: bytes of the variable's element in the file; order: byte order, "<" or ">"."""
-    (_, flags), (_, shape), (_, name), *parts = islice(_elements(matrix, order), 5)
+def _arrays(
+    matrix: memoryview, order: str, inside: str | None = None
+) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the name and the numbers of a variable, or of all that a structure or a cell array has
+    inside; nothing for a text and other kinds. matrix: the bytes of its element; order: of the
+    bytes, "<" or ">"; inside: the name of a part, which has none itself."""
+    elements = _elements(matrix, order)
+    (_, flags), (_, shape), (_, own_name) = islice(elements, 3)
     [kind] = np.frombuffer(flags[:4], f"{order}u4")
-    if kind & 0xFF not in NUMBERS:
-        return {}
     dimensions = np.frombuffer(shape, f"{order}i4")[::-1]
-    arrays = [np.frombuffer(data, order + KINDS[type]).reshape(dimensions) for type, data in parts]
+    name = bytes(own_name).decode("ascii") if inside is None else inside
+    if kind & 0xFF in (CELL, STRUCTURE):
+        names: Iterator[str] = (f"{name}/{number}" for number in count(1))
+        if kind & 0xFF == STRUCTURE:
+            names = _fields(name, elements, order, int(np.prod(dimensions)))
+        for part, (type, content) in zip(names, elements, strict=False):
+            if type == MATRIX and content:
+                yield from _arrays(content, order, part)
+    if kind & 0xFF not in NUMBERS:
+        return
+    arrays = [
+        np.frombuffer(data, order + KINDS[type]).reshape(dimensions)
+        for type, data in islice(elements, 2)
+    ]
     # what is infinite is refused with the capture
     with np.errstate(invalid="ignore", over="ignore"):
         values = arrays[0] + 1j * arrays[1] if kind & COMPLEX else arrays[0]
-    return {bytes(name).decode("ascii"): values}
+    yield name, values
+
+
+def _fields(
+    name: str, elements: Iterator[tuple[int, memoryview]], order: str, size: int
+) -> Iterator[str]:
+    """Yield the names of a structure's values in their order: all fields of the first of `size`
+    structures, then of the next. elements: continue at the names of the fields."""
+    (_, length), (_, fields) = islice(elements, 2)
+    [width] = np.frombuffer(length[:4], f"{order}i4")
+    if len(fields) > MOST_MEMBERS * width:
+        raise ValueError(f"a structure has more than {MOST_MEMBERS} fields")
+    known = [
+        bytes(fields[at : at + width]).split(b"\0")[0].decode("ascii")
+        for at in range(0, len(fields), width)
+    ]
+    for number in range(1, size + 1):
+        yield from (f"{name}/{field}" + f"/{number}" * (size > 1) for field in known)

@@ -65,3 +65,52 @@ def test_every_method_finds_its_tones_in_the_demo():
         asked = requested_tones_hz(method.configure({}, "test"))
         if asked is not None:
             assert np.abs(there_hz[:, None] - asked).min(axis=0).max() < 1e6, method.id
+
+
+def test_measured_captures_are_imaged_by_the_methods_that_they_set_up(tmp_path, capsys):
+    """A point before a raster scan, in a folder with one that sets up no method."""
+    x_m, tones_hz, at_m = np.arange(-0.04, 0.041, 0.01), np.linspace(10e9, 14e9, 9), (0.01, 0, 0.1)
+    x, y = np.meshgrid(x_m, x_m, indexing="ij")
+    away_m = np.linalg.norm(np.stack([x, y, 0 * x], -1) - at_m, axis=-1)
+    samples = np.exp(-4j * np.pi * away_m[..., None] * tones_hz / 299_792_458.0)
+    for name in ("point", "other"):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "s.npy", samples)
+        (tmp_path / name / "mapping.toml").write_text(SCAN.replace("NAME", name))
+    with (tmp_path / "point" / "mapping.toml").open("a") as file:
+        file.write(METHOD)
+    assert main(["demo", "--measured", str(tmp_path), "-o", str(tmp_path / "out")]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"point.*3-FSK.*100 .*10\.0, 0\.0, (99|100)\.", shown), shown
+    assert "other" not in shown
+    with Image.open(tmp_path / "out" / "measured.png") as picture:
+        assert picture.width > 200
+    assert main(["demo", "--measured", str(tmp_path / "other")]) == 2
+    assert "sets up a method" in capsys.readouterr().err
+
+
+SCAN = """version = 1
+[capture]
+name = "NAME"
+distance_m = 0.1
+[samples]
+dataset = "s.npy"
+axes = ["x", "y", "frequency"]
+reversed = false
+sign = "-"
+[frequencies]
+steps = { start = 10, stop = 14, count = 9 }
+unit = "GHz"
+[position]
+columns = [{ start = -40, step = 10, count = 9 }, { start = -40, step = 10, count = 9 }]
+unit = "mm"
+x = "left"
+"""
+METHOD = """[capture.methods.3fsk]
+x = { start_m = -0.02, stop_m = 0.02, step_m = 0.01 }
+y = { start_m = -0.02, stop_m = 0.02, step_m = 0.01 }
+f1_hz = 14e9
+f2_hz = 13e9
+f3_hz = 10e9
+first_depth_m = 0.1
+"""

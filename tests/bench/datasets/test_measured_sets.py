@@ -1,0 +1,51 @@
+"""Measured echoes of others, by the mappings of docs/real_data.md, against their truths."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from docs.real_data import TUMOURS_M, advanced, gather, ring_delays_m
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.pipeline.image import configuration
+from handbench.radar.methods.registry import method
+
+SHARED = Path(__file__).parents[3].parent / "shared" / "data"
+
+
+@pytest.fixture
+def sets(tmp_path):
+    """The captures of a set of SHARED."""
+
+    def made(name):
+        if not (SHARED / name).is_dir():
+            pytest.skip(f"no {SHARED / name}")
+        gather(SHARED / name, tmp_path)
+        return tmp_path
+
+    return made
+
+
+def imaged(folder, id, echoes=None):
+    echoes = open_capture(folder).echoes() if echoes is None else echoes
+    return method(id).run(echoes, configuration(folder, id, {}), 0).depth
+
+
+def test_a_flat_tape_is_flat_and_at_its_distance(sets):
+    depth = imaged(sets("copper_tape") / "tape", "3fsk")
+    strong = np.isfinite(depth.z_m) & (depth.amplitude_db >= -6)
+    assert strong.sum() > 50
+    assert depth.z_m[strong].std() < 1.6e-3
+    assert np.median(depth.z_m[strong]) == pytest.approx(0.15, abs=0.01)
+
+
+@pytest.mark.slow
+def test_delays_from_one_tumour_bring_the_other_to_its_place(sets):
+    folders = {name: sets("merit") / name for name in TUMOURS_M}
+    (first, at_m), (second, truth_m) = TUMOURS_M.items()
+    delays_m = ring_delays_m(open_capture(folders[first]).echoes(), at_m)
+    echoes = advanced(open_capture(folders[second]).echoes(), delays_m)
+    depth = imaged(folders[second], "broadband", echoes)
+    row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
+    peak_m = np.array([depth.x_m[column], depth.y_m[row], depth.z_m[row, column]])
+    assert np.linalg.norm(peak_m - truth_m) <= 6e-3
