@@ -192,6 +192,7 @@ def test_a_boards_own_files(tmp_path):
         ("60 7 6", "60e9 7 6", "'start_hz' is 6e+19"),
         ("channelCfg 15", "channelCfg 0", "'receivers' is ()"),
         ("1 8 2047", "1 7 2047", "expected whole frames of"),
+        ("frameCfg 0 1 3", "chirpCfg 2 2 0 0 0 0 0 4\nframeCfg 0 2 3", "[1, 3] have [1, 2] chirps"),
         ("frameCfg 0 1 3", "frameCfg 0 1 4", "has 1536 bytes; expected whole frames of 1024"),
         ("", "", "nothing gives the antennas' places; add tx_m.csv"),
     ],
