@@ -67,8 +67,7 @@ class Transform:
         """Return the covariance. Raises HandbenchError if there is none."""
         if self.covariance is None:
             raise HandbenchError(
-                f"transform {self.target}_from_{self.source}: carries no covariance; calibrate "
-                "again"
+                f"transform {self.target}_from_{self.source}: has no covariance; calibrate again"
             )
         return self.covariance
 
@@ -77,8 +76,8 @@ class Transform:
         raise HandbenchError. where: the transform's file, with which the message begins."""
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
-                f"{where}: leads from '{self.source}' to '{self.target}'; expected one from "
-                f"'{source}' to '{target}'"
+                f"{where}: is a transform from '{self.source}' to '{self.target}'; expected one "
+                f"from '{source}' to '{target}'"
             )
         return self
 
@@ -154,7 +153,7 @@ def umeyama(
     spread = weights @ (source**2).sum(axis=1)
     if with_scale and spread == 0:
         raise HandbenchError(
-            f"scale: all {len(source)} source points coincide; expected points that lie apart"
+            f"scale: all {len(source)} source points are the same point; use points that are apart"
         )
     scale = stretch @ proper / spread if with_scale else 1.0
     matrix = np.eye(4)
@@ -206,7 +205,8 @@ def load_transform(path: str | Path) -> Transform:
     source, target = content["from"], content["to"]
     if not isinstance(source, str) or not isinstance(target, str):
         raise HandbenchError(
-            f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected names of frames"
+            f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected the names of two "
+            "frames"
         )
     matrix = checked_numbers(path, "matrix", content["matrix"], [(4, 4)])
     linear = matrix[:3, :3]
@@ -216,7 +216,8 @@ def load_transform(path: str | Path) -> Transform:
         or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2
     ):
         raise HandbenchError(
-            f"{path}: 'matrix' is not a rotation with one scale; reflections and shears are refused"
+            f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear); "
+            "calibrate again"
         )
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12:
         raise HandbenchError(
@@ -239,7 +240,8 @@ def load_transform(path: str | Path) -> Transform:
         isinstance(refined, dict) and isinstance(refined.get("reason"), str)
     ):
         raise HandbenchError(
-            f"{path}: 'refined' has no \"reason\"; expected what `calibrate --refine` wrote"
+            f"""{path}: 'refined' has no "reason"; use a file that `handbench calibrate """
+            "--refine` wrote"
         )
     note = str(content["note"]) if "note" in content else None
     return Transform(source, target, matrix, covariance, residuals_m, refined, note)
@@ -268,8 +270,8 @@ def checked_numbers(
     if not good or (array.shape not in shapes if shapes else array.ndim != 1):
         shown = repr(value)
         raise HandbenchError(
-            f"{path}: '{key}' is {shown if len(shown) < 60 else shown[:57] + '...'}; "
-            f"expected {expected} finite numbers below {largest:g}"
+            f"{path}: '{key}' is {shown if len(shown) < 60 else shown[:57] + '...'}; expected "
+            f"{expected} finite numbers below {largest:g}"
         )
     return array.astype(np.float64)
 

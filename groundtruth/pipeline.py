@@ -133,7 +133,7 @@ def reconstruct(
                 write_model(sparse.model, folder)
             write_cloud(workdir / "dense.ply", cloud.points_m, cloud.normals)
             write_json(workdir / "summary.json", facts | result.summary())
-            say(f"{workdir}: sparse/, dense.ply and summary.json written")
+            say(f"{workdir}: wrote sparse/, dense.ply and summary.json")
         return result
 
 

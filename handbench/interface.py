@@ -247,7 +247,8 @@ class Depth(Plottable):
             from handbench.support.errors import HandbenchError
 
             raise HandbenchError(
-                f"to_xarray: needs xarray ({error}); pip install xarray"
+                f"to_xarray: needs the library xarray, which cannot be imported ({error}); run "
+                "pip install xarray"
             ) from error
         maps = {
             name: value
@@ -296,11 +297,15 @@ class Depth(Plottable):
                 mesh, transform = self.capture.mesh, transform or self.capture.transform
                 if transform is None:
                     raise HandbenchError(
-                        "transform: is missing; the capture's mesh is in the photographs' frame: "
-                        "pass transform='radar_from_photo.json', or add that file to the capture"
+                        "transform: is missing, but the capture's mesh is in the frame of the "
+                        "photographs; pass transform='radar_from_photo.json', or add that file to "
+                        "the capture"
                     )
         if mesh is None:
-            raise HandbenchError("mesh: is missing, and no capture gives one; name a mesh file")
+            raise HandbenchError(
+                "mesh: is missing, and no capture with a mesh is given; pass the path of a mesh "
+                "file"
+            )
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
         reference = reference_of_surface(

@@ -124,11 +124,14 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda ball, depth, folder: hb.load(folder), "no capture"),
+        (lambda ball, depth, folder: hb.load(folder), "not a capture"),
         (lambda ball, depth, folder: hb.groundtruth(folder / "photos"), "photos"),  # of 0.2
         (lambda ball, depth, folder: ball.reconstruct("2fsk", frame=1), "frames 0 to 0"),
         (lambda ball, depth, folder: ball.reconstruct("2fsk", toleranec=1e-3), "toleranec"),
-        (lambda ball, depth, folder: hb.Depth(depth.map).evaluate(), "name a mesh file"),
+        (
+            lambda ball, depth, folder: hb.Depth(depth.map).evaluate(),
+            "pass the path of a mesh file",
+        ),
         (lambda ball, depth, folder: depth.plot(folder / "depth.gif"), r"ends in \.png"),
         (
             lambda ball, depth, folder: hb.simulate(ball.folder.parent / "ball.toml", ball.folder),
@@ -138,7 +141,7 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
             lambda ball, depth, folder: depth.evaluate(
                 transform=hb.Transform("photo", "radar", np.eye(4))
             ),
-            "name a mesh file",
+            "pass the path of a mesh file",
         ),
     ],
 )

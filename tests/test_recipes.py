@@ -43,4 +43,4 @@ def test_a_recipe_leads_to_its_point(name, tmp_path, monkeypatch, capsys):
     if name == "raster":  # the page's own lines, but for the numbers of pixels
         for line in "".join(blocks(PAGE, "text")).splitlines():
             assert re.sub(r"\d+ of \d+", "", line) in re.sub(r"\d+ of \d+", "", printed.err)
-    assert ("136 of its 256 pairs were not measured" in printed.out) == (name == "ring")
+    assert ("136 of its 256 pairs of antennas were not measured" in printed.out) == (name == "ring")

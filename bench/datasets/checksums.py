@@ -44,12 +44,13 @@ def require_unchanged(path: Path) -> None:
             what = (
                 "is missing"
                 if name not in found
-                else "has other content"
+                else "has changed"
                 if name in listed
-                else "is not in it"
+                else "is not listed there"
             )
             raise HandbenchError(
-                f"{path}: differs from {file}: {name} {what}; copy the capture again"
+                f"{path}: does not match the checksums in {file}: {name} {what}; copy the capture "
+                "again"
             )
 
 
@@ -68,7 +69,8 @@ def listed_captures(folder: Path) -> list[str]:
     for path in (path for name in names for path in (folder / CAPTURES / name).rglob("*")):
         if path.is_file() and path.relative_to(folder).as_posix() not in listed:
             raise HandbenchError(
-                f"{path}: is not in {folder / CHECKSUMS}, so it is no part of the set; move it away"
+                f"{path}: is not listed in {folder / CHECKSUMS}, so it does not belong to the "
+                "data set; move it out of the folder"
             )
     return names
 
@@ -90,13 +92,14 @@ def _read(file: Path) -> dict[str, str]:
         lines = read_text(file, "checksums", CSV_BYTES).splitlines()
     except ValueError as error:
         raise HandbenchError(
-            f"{file}: is not readable ({error}); expected lines of sha256sum"
+            f"{file}: is not readable ({error}); expected lines as sha256sum writes them"
         ) from None
     found = {}
     for number, line in enumerate(lines, 1):
         if (match := LINE.fullmatch(line)) is None:
             raise HandbenchError(
-                f"{file}: line {number} is no SHA-256 with a file's name; copy the file again"
+                f"{file}: line {number} is not a SHA-256 checksum with a file name; copy the file "
+                "again"
             )
         found[match[2]] = match[1]
     return found

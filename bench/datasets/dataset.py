@@ -53,13 +53,22 @@ def open_capture(path: str | Path) -> NativeCapture:
     adapter = _adapter(folder)
     if adapter is None:
         kind = next((kind for name, kind in RAW.items() if (folder / name).exists()), None)
-        hint = f"; {kind}: run `handbench import {kind}`" if kind else ""
+        hint = (
+            (f"; it looks like data of {kind}, so run `handbench import {kind}` first")
+            if kind
+            else ""
+        )
         below = _below(folder, DEPTH)
-        hint = f"; it has captures in it: name one, as {min(below)}" if below else hint
-        raise HandbenchError(f"{folder}: is no capture; expected {KNOWN}{hint}")
+        hint = (
+            (f"; it contains captures, so name one of them, such as {min(below)}")
+            if below
+            else hint
+        )
+        raise HandbenchError(f"{folder}: is not a capture; expected {KNOWN}{hint}")
     if asked and adapter is not MaroonCapture:
         raise HandbenchError(
-            f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave it out"
+            f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave this ending "
+            "out"
         )
     return MaroonCapture(folder, empty_filtered=True) if asked else adapter(folder)
 
@@ -96,9 +105,10 @@ def captures(
         and (not distances or folder.name in {str(distance) for distance in distances})
     ]
     if not chosen:
-        there = ", ".join(sorted({folder.name for folder in found})[:12]) or "none at all"
+        there = ", ".join(sorted({folder.name for folder in found})[:12]) or "none"
         raise HandbenchError(
-            f"{root}: has no capture that was asked for; folders with captures: {there}"
+            f"{root}: none of its captures is selected; the folders with captures are: {there}; "
+            "select at least one"
         )
     return chosen
 
@@ -137,14 +147,14 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
         raise HandbenchError(
-            f"{path}: is no capture of '{kind}' but of {type(capture).__name__}; name the right "
-            "kind"
+            f"{path}: is not a capture of '{kind}' but of {type(capture).__name__}; use the "
+            "import for this kind"
         )
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     if transform is not None and transform.scale < 0:
         raise HandbenchError(
-            f"{path}: {transform.note}; a capture folder cannot record that: use the "
-            "original folder"
+            f"{path}: {transform.note}, which a capture folder cannot record; use the original "
+            "folder instead of importing it"
         )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())

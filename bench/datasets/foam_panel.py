@@ -66,7 +66,7 @@ def _read_arrays(path: Path) -> list[np.ndarray]:
             return [read_array(stream, size - stream.tell()) for _ in range(6)]
         except Exception as error:  # what parses numpy's headers raises whatever it stumbles over
             raise HandbenchError(
-                f"{path}: does not hold six plain numpy arrays ({error}); copy it again"
+                f"{path}: is not a file of six plain numpy arrays ({error}); copy it again"
             ) from error
 
 
@@ -85,9 +85,8 @@ def _settings(
             f"{n.dtype} {n.tolist()}" if n.size < 3 else f"{n.dtype} {n.shape}" for n in numbers
         )
         raise HandbenchError(
-            f"{path}: first and last frequency, number of tones and step are {shown}; expected "
-            "positive numbers, "
-            f"{MOST_TONES} tones at most"
+            f"{path}: the first and last frequency, the number of tones and the step are {shown}; "
+            f"expected positive numbers and at most {MOST_TONES} tones"
         )
     frequencies_hz = np.linspace(first_hz.item(), last_hz.item(), int(count.item()))
     return frequencies_hz, np.broadcast_to(step_m.ravel(), 2)
@@ -100,7 +99,10 @@ def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
                 read_text(path, "frequencies and phases, two rows", CSV_BYTES).splitlines(), ndmin=2
             )
     except ValueError as error:
-        raise HandbenchError(f"{path}: is not two rows of numbers ({error})") from error
+        raise HandbenchError(
+            f"{path}: expected two rows of numbers, the frequencies and their phases ({error}); "
+            "copy it again"
+        ) from error
     if (
         len(table) != 2
         or table.size == 0
@@ -108,8 +110,8 @@ def _phase_rad(path: Path, frequencies_hz: np.ndarray) -> np.ndarray:
         or (np.diff(table[0]) <= 0).any()
     ):
         raise HandbenchError(
-            f"{path}: has shape {table.shape}; expected rising frequencies and their phases, two "
-            "rows"
+            f"{path}: has shape {table.shape}, or frequencies that do not increase; expected two "
+            "rows, the increasing frequencies and their phases"
         )
     return np.interp(frequencies_hz, *table)
 

@@ -64,15 +64,18 @@ class GainsMapping(Config):
     def _require_named_once(self) -> "GainsMapping":
         pair = self.real is not None and self.imag is not None
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
-            raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
+            raise ValueError('give either dataset = "…", or both real = "…" and imag = "…"')
         if len(set(self.axes)) < len(self.axes):
-            raise ValueError("axes name each axis once")
+            raise ValueError("an axis is named twice; name each axis once")
         if self.channels not in CHANNELS:
             raise ValueError(
-                'axes hold "tx" and "rx", or "pair", or "position" of a transceiver that is moved'
+                'the axes must include "tx" and "rx", or "pair", or "position" (for one '
+                "transceiver that is moved)"
             )
         if RE_IM in self.axes and pair:
-            raise ValueError('real and imag are two data sets; axes then have no "re_im"')
+            raise ValueError(
+                'real and imag are two data sets, so the axes must not include "re_im"; remove it'
+            )
         return self
 
 
@@ -90,10 +93,11 @@ class SamplesMapping(GainsMapping):
     @model_validator(mode="after")
     def _all_axes(self) -> "SamplesMapping":
         if "frequency" not in self.axes:
-            raise ValueError('axes name "frequency"')
+            raise ValueError('the axes do not include "frequency"; add it')
         if (self.sweeps is not None) != ("sweep" in self.axes):
             raise ValueError(
-                'sweeps = "mean" or "frames" is there if, and only if, axes name "sweep"'
+                'the axis "sweep" and the key sweeps (= "mean" or "frames") need each other; give '
+                "both or none"
             )
         return self
 
@@ -158,14 +162,15 @@ class ArrayMapping(Config):
         needed = TABLES[CHANNELS.index(self.samples.channels)]
         for name in ("tx", "rx", "position", "pairs"):
             if (getattr(self, name) is not None) != (name in needed):
+                axis = name.removesuffix("s") + ('" or "pair' if name in ("tx", "rx") else "")
                 raise ValueError(
-                    f"the table [{name}] is there if, and only if, samples.axes name "
-                    f'"{name.removesuffix("s")}"' + (' or "pair"' if name in ("tx", "rx") else "")
+                    f'the table [{name}] and the axis "{axis}" of samples.axes need each other; '
+                    "give both or none"
                 )
         if self.gains and {*self.gains.axes} - {"frequency", RE_IM} != self.samples.channels:
             raise ValueError(
-                'gains.axes name the antennas as samples.axes do, and "frequency" if they differ '
-                "by tone"
+                'gains.axes must have the same antenna axes as samples.axes, and "frequency" if '
+                "the gains differ by tone"
             )
         return self
 
@@ -263,7 +268,7 @@ def _reader(path: Path, wanted: set[str]) -> Iterator[Read]:
             there = [name[:200] for name in names if matlab or isinstance(file[name], h5py.Dataset)]
             lacks = ", ".join(f"'{name[:200]}'" for name in lacking)
             raise HandbenchError(
-                f"has no {lacks} inside; it has {', '.join(there[:12]) or 'no data sets'}"
+                f"has no {lacks}; the file has {', '.join(there[:12]) or 'no data sets'}"
             )
         yield file.__getitem__ if matlab else partial(read, file, path=path)
 
@@ -316,7 +321,7 @@ def _table(of: Read, entry: PositionsMapping | PairsMapping, columns: int, what:
     stored = _real(of, entry.dataset)
     if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
         expected = (
-            f"[{columns}, n] as stored, for it is reversed" if entry.reversed else f"[n, {columns}]"
+            f"[{columns}, n], because reversed = true," if entry.reversed else f"[n, {columns}]"
         )
         raise _wrong(entry.dataset, stored, f"{expected} {what}")
     return stored.T if entry.reversed else stored
@@ -364,9 +369,8 @@ def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
             return values[real] + 1j * values[imag]
     if values.dtype.kind != "c":
         raise HandbenchError(
-            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of "
-            "both parts (real, imag) "
-            'or the axis "re_im"'
+            f"'{name}' has values of type {values.dtype}; expected complex numbers; name the data "
+            'sets of both parts (real, imag), or the axis "re_im"'
         )
     return values
 
@@ -377,11 +381,11 @@ def _real(of: Read, name: str) -> np.ndarray:
 
 def _require_real(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "iuf":
-        raise HandbenchError(f"'{name}' holds {values.dtype}; expected real numbers")
+        raise HandbenchError(f"'{name}' has values of type {values.dtype}; expected real numbers")
     return values
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
     return HandbenchError(
-        f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml"
+        f"'{name}' has shape {values.shape}; expected {expected}; correct mapping.toml"
     )

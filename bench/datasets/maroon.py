@@ -59,7 +59,9 @@ ROUNDED = 7  # decimals of metres: they keep float32
 # the methods that want pixels, and those of voxels
 PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)
 PROJECTIONS = ("broadband", "narrowband")
-CHECK_SIGNS = "check the matrix: the sign of x, and its reflection"
+CHECK_SIGNS = (
+    "check the signs in the matrix, above all that of x, and whether it should have a reflection"
+)
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
 # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 RADAR_KERNEL = 4
@@ -124,8 +126,8 @@ class MaroonCapture(NativeCapture):
         if len(found) != 1:
             raise HandbenchError(
                 f"{self.folder}: has {len(found)} folders radar_*/{FRAMES} "
-                f"({', '.join(f.name for f in found)}); "
-                "expected one: move the others away"
+                f"({', '.join(f.name for f in found)}); expected exactly one; move the others "
+                "away"
             )
         return found[0]
 
@@ -143,8 +145,8 @@ class MaroonCapture(NativeCapture):
         for number, frame in enumerate(read):
             if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
                 raise HandbenchError(
-                    f"{self._file(number)}: 'fvec' differs from the first frame's; expected one "
-                    "sweep"
+                    f"{self._file(number)}: its frequencies 'fvec' differ from those of the first "
+                    "frame; use frames of one sweep only"
                 )
         samples = np.stack([frame.samples for frame in read])
         parts = samples.view(np.float32)  # a power of two changes none of their digits
@@ -170,7 +172,7 @@ class MaroonCapture(NativeCapture):
         )
         if masked.is_file() or not whole.is_file():
             return masked if masked.is_file() else None
-        say(f"{self.folder}: has no {masked.name}; {whole.name} is taken, as their code does")
+        say(f"{self.folder}: has no {masked.name}, so {whole.name} is used, as in MAROON's code")
         return whole
 
     def transform(self) -> Transform | None:
@@ -255,7 +257,7 @@ class MaroonCapture(NativeCapture):
         )
         if not of_calibration.is_file():
             return None
-        say(f"{self.folder}: has no {ALIGNMENT}; {of_calibration} is taken")
+        say(f"{self.folder}: has no {ALIGNMENT}, so {of_calibration} is used")
         return of_calibration
 
     def _bounds_m(self, axis: str) -> tuple[float, float]:
@@ -272,8 +274,7 @@ class MaroonCapture(NativeCapture):
         if low >= high:
             raise HandbenchError(
                 f"{self.folder / METADATA}: mask_bb has {axis}max {high:g} below {axis}min "
-                f"{low:g}, so that no "
-                "pixel is scored; correct it"
+                f"{low:g}, so no pixel would be scored; correct it"
             )
         return low, high
 
@@ -311,9 +312,8 @@ class MaroonCapture(NativeCapture):
         )
         if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
             raise HandbenchError(
-                f"{file}: 'volume' reaches from {low.tolist()} to {high.tolist()} in "
-                f"{count.tolist()} voxels; expected "
-                "whole numbers ≥ 1 and bb_min below bb_max"
+                f"{file}: 'volume' extends from {low.tolist()} to {high.tolist()} in "
+                f"{count.tolist()} voxels; expected whole numbers ≥ 1, and bb_min below bb_max"
             )
         if low[0] != -high[0] and self.handedness.mirrored:
             low[0], high[0] = -high[0], -low[0]

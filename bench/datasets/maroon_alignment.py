@@ -94,8 +94,8 @@ def load_alignment(
         )
     if np.linalg.norm(matrix[:3, 3]) > FARTHEST_M:
         raise HandbenchError(
-            f"{path}: '{key}' shifts by {np.linalg.norm(matrix[:3, 3]):.4g} m; expected metres, "
-            f"{FARTHEST_M:g} at most"
+            f"{path}: '{key}' has a shift of {np.linalg.norm(matrix[:3, 3]):.4g} m; expected at "
+            f"most {FARTHEST_M:g} m; check that the unit is metres"
         )
     reflects = bool(np.linalg.det(matrix[:3, :3]) < 0)
     flip = MIRROR_X if (reflects if mirrored is None else mirrored) else np.eye(4)
@@ -134,7 +134,7 @@ def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[
     # it also holds intermediate data of the calibration
     content = read_json(path, what, RAW_VALUES, RAW_JSON_BYTES)
     if not isinstance(content, dict):
-        raise HandbenchError(f"{path}: holds no table of transforms or facts; expected {what}")
+        raise HandbenchError(f"{path}: is not a table; expected {what}; copy it again")
     return content
 
 
@@ -150,11 +150,14 @@ def _straight(path: str | Path, key: str, matrix: np.ndarray) -> np.ndarray:
     crooked = float(np.abs(matrix[:3, :3] / scale - rotation).max()) if scale > 0 else np.inf
     if crooked > TOO_CROOKED:
         raise HandbenchError(
-            f"{path}: '{key}' is {crooked:.2g} off a rotation with one scale; expected "
-            f"{TOO_CROOKED:g} at most in any element; download the file again, or mend it"
+            f"{path}: '{key}' differs by {crooked:.2g} from a rotation with one scale; expected "
+            f"at most {TOO_CROOKED:g} in any element; download the file again, or correct it"
         )
     if crooked > ROUNDING:
-        say(f"{path}: '{key}' was {crooked:.1e} off a rotation; the nearest one is taken")
+        say(
+            f"{path}: '{key}' differs by {crooked:.1e} from a rotation, so the nearest rotation "
+            "is used"
+        )
     straight = matrix.copy()
     straight[:3, :3] = scale * rotation
     straight[3] = [0, 0, 0, 1]
@@ -260,7 +263,7 @@ def _off_mm(vertices_m: np.ndarray, faces: np.ndarray, echoes: RadarCapture) -> 
     z_m = depth.z_m if depth.wrapped is None else np.where(depth.wrapped, np.nan, depth.z_m)
     surface_m = depth_on_grid(mesh(vertices_m, faces), depth.x_m, depth.y_m)
     if not np.isfinite(z_m).any():
-        raise HandbenchError("the radar's image is empty")
+        raise HandbenchError("the radar image is empty")
     if not np.isfinite(surface_m).any():
         return np.inf, np.inf
     x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
@@ -327,7 +330,8 @@ class OtherSensor:
         depths, masks = (pictures(self.folder, self.name, kind) for kind in ("depth", "mask"))
         if not frame < len(depths):
             raise HandbenchError(
-                f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame {frame}"
+                f"{self.folder / self.name}: has {len(depths)} depth pictures, but no frame "
+                f"{frame}; copy the capture again"
             )
         counts, mask = _counts(depths[frame]), read_gray(masks[-1]) > 0 if masks else np.array(True)
         content = read_table(
@@ -340,13 +344,15 @@ class OtherSensor:
             )
         except (HandbenchError, KeyError, TypeError, ValueError, AttributeError) as error:
             raise HandbenchError(
-                f"{depths[frame].parent}: does not fit its calibration.json ({error})"
+                f"{depths[frame].parent}: the depth picture does not fit its calibration.json "
+                f"({error}); copy both again"
             ) from error
         scale = load_alignment(self.alignment, self.name).scale
         unit = {-3: 1.0, 0: 1e-3}.get(round(np.log10(scale)))
         if unit is None:
             raise HandbenchError(
-                f"{self.alignment}: {self.name}2radar scales by {scale:.3g}; expected 0.001 or 1"
+                f"{self.alignment}: '{self.name}2radar' has the scale {scale:.3g}; expected 0.001 "
+                "(from millimetres) or 1 (from metres)"
             )
         return unit * points_mm, _joined(depth_mm, seen)
 
@@ -406,7 +412,7 @@ def kinect_camera(factory: dict[str, Any]) -> Camera:
     lens, place = factory["Intrinsics"], factory["Location"].removeprefix(LOCATION)
     (wide, high), (left, top), (width, height) = MODES[place]
     if lens["ModelType"] != MODEL:
-        raise ValueError(f"the lens is {lens['ModelType']}, expected {MODEL}")
+        raise ValueError(f"the lens model is {lens['ModelType']}; expected {MODEL}")
     cx, cy, fx, fy, *others = _numbers(lens["ModelParameters"], 14)
     params = np.array([fx * wide, fy * high, cx * wide - left, cy * high - top, *others])[
         BROWN_CONRADY
@@ -423,7 +429,7 @@ def _points(camera: Camera, depth_mm: np.ndarray, seen: np.ndarray) -> np.ndarra
     [height, width]. depth_mm [height, width]: their depths along z."""
     if depth_mm.shape != (camera.height, camera.width):
         raise ValueError(
-            f"a picture of {depth_mm.shape[::-1]} pixels, expected {(camera.width, camera.height)}"
+            f"a picture has {depth_mm.shape[::-1]} pixels; expected {(camera.width, camera.height)}"
         )
     xy = np.asarray(camera.colmap().cam_from_img(np.argwhere(seen)[:, ::-1] + 0.5))
     return np.concatenate([xy, np.ones((len(xy), 1))], axis=1) * depth_mm[seen, None]
@@ -447,6 +453,7 @@ def _counts(file: Path) -> np.ndarray:
     with open_picture(file) as image:
         if image.mode != "I;16":
             raise HandbenchError(
-                f"{file}: has pixels of mode {image.mode}; expected grey ones of 16 bits"
+                f"{file}: has pixels of mode {image.mode}; expected grey pixels of 16 bits; copy "
+                "it again"
             )
         return np.asarray(image, np.float64)

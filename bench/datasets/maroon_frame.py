@@ -64,7 +64,8 @@ def read_frame(file: Path) -> Frame:
     count = _numbers(file, content, "number_of_measurements")
     if count.size != 1 or count.dtype.kind not in "fiu" or not 1 <= count.item() <= MOST:
         raise HandbenchError(
-            f"{file}: 'number_of_measurements' is {count}; expected a number of frames, 1 to {MOST}"
+            f"{file}: 'number_of_measurements' is {count}; expected a number of frames from 1 to "
+            f"{MOST}"
         )
     samples = as_complex64(xr[USED, USED].transpose(2, 1, 0))
     return Frame(samples, frequencies_hz, int(count.item()))
@@ -75,8 +76,7 @@ def _frequencies_hz(file: Path, content: dict[str, Any]) -> np.ndarray:
     if fvec.dtype.kind not in "fiu" or not ((fvec > low_hz) & (fvec < high_hz)).all():
         raise HandbenchError(
             f"{file}: 'fvec' is {fvec.dtype} from {fvec.min():.4g} to {fvec.max():.4g}; expected "
-            f"hertz, {low_hz:g} to "
-            f"{high_hz:g}"
+            f"frequencies from {low_hz:g} to {high_hz:g} Hz"
         )
     return fvec.astype(np.float64)
 
@@ -106,7 +106,7 @@ def read_dictionary(path: str | Path) -> dict[str, Any]:
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise HandbenchError(
-            f"{path}: is refused ({reason[:200]}); expected {WHAT}; download it again"
+            f"{path}: was not read ({reason[:200]}); expected {WHAT}; download it again"
         ) from error
 
 
@@ -122,18 +122,18 @@ def _unpickle(content: bytes) -> dict[str, Any]:
         raise ValueError(f"it is an array {dtype} {shape}, not a dictionary")
     start = stream.tell()
     if sum(1 for _ in islice(pickletools.genops(stream), MOST_STEPS + 1)) > MOST_STEPS:
-        raise ValueError("its program has too many steps")
+        raise ValueError("its pickle has too many steps")
     stream.seek(start)
     outermost = _Unpickler(stream).load()
     held = outermost.objects[0] if isinstance(outermost, _Array) and outermost.objects else None
     if not isinstance(held, dict):
-        raise ValueError("it holds no dictionary")
+        raise ValueError("it is not a dictionary")
     return {key: _checked(key, value) for key, value in held.items()}
 
 
 def _checked(key: Any, value: Any) -> Any:
     if not isinstance(key, str):
-        raise ValueError(f"a key is {type(key).__name__}, not text")
+        raise ValueError(f"a key is of type {type(key).__name__}, not text")
     if isinstance(value, _Array) and value.numbers is not None:
         return value.numbers
     if isinstance(value, PLAIN):
@@ -150,13 +150,15 @@ class _Dtype:
     def __init__(self, name: str, *_: bool) -> None:
         if name not in ("O", "O8") and not (isinstance(name, str) and NUMBERS.fullmatch(name)):
             raise ValueError(
-                f"numbers of type {name[:40]!r}" if isinstance(name, str) else "numbers of no type"
+                f"it has numbers of type {name[:40]!r}"
+                if isinstance(name, str)
+                else ("it has numbers of no type")
             )
         self.name, self.order = name, "="
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         if state[1] not in ("<", ">", "=", "|") or any(part is not None for part in state[2:5]):
-            raise ValueError("structured numbers")
+            raise ValueError("it has structured numbers")
         self.order = state[1]
 
     def numbers(self, content: bytes, count: int) -> np.ndarray:
@@ -168,7 +170,7 @@ class _Dtype:
             or not isinstance(content, bytes)
             or len(content) != count * dtype.itemsize
         ):
-            raise ValueError(f"not the bytes of {count} numbers of type {self.name}")
+            raise ValueError(f"an array has not the bytes of {count} numbers of type {self.name}")
         return np.frombuffer(content, dtype)
 
 
@@ -187,10 +189,10 @@ class _Array:
             or any(not isinstance(n, int) or n < 0 for n in shape)
             or not isinstance(dtype, _Dtype)
         ):
-            raise ValueError("an array without shape or type")
+            raise ValueError("it has an array without shape or type")
         if dtype.name.startswith("O"):
             if shape != () or not isinstance(content, list) or len(content) != 1:
-                raise ValueError("an array of objects")
+                raise ValueError("it has an array of objects")
             self.objects = content
         else:
             self.numbers = dtype.numbers(content, math.prod(shape)).reshape(
@@ -215,7 +217,7 @@ class _Name:
         return self.make(*arguments)
 
     def __setstate__(self, state: Any) -> None:
-        raise ValueError("a name that is changed")
+        raise ValueError("it changes a function")
 
 
 CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since
@@ -242,7 +244,7 @@ class _Table(dict[str, Any]):
 
     def __setitem__(self, key: Any, value: Any) -> None:
         if not isinstance(key, str):
-            raise ValueError(f"a key is {type(key).__name__}, not text")
+            raise ValueError(f"a key is of type {type(key).__name__}, not text")
         super().__setitem__(key, value)
 
 
@@ -254,7 +256,7 @@ def _call(unpickler: Any) -> None:
     """
     arguments, name = unpickler.stack.pop(), unpickler.stack[-1]
     if not isinstance(name, _Name) or not isinstance(arguments, tuple):
-        raise ValueError("it calls what is no name")
+        raise ValueError("it calls something that is not a known function")
     unpickler.stack[-1] = name(*arguments)
 
 
@@ -271,5 +273,5 @@ class _Unpickler(pickle._Unpickler):
 
     def find_class(self, module: str, name: str) -> _Name:
         if (module, name) not in NAMES:
-            raise ValueError(f"it names {module[:80]}.{name[:80]}")
+            raise ValueError(f"it uses {module[:80]}.{name[:80]}, which is not allowed")
         return _Name(NAMES[module, name])

@@ -95,7 +95,8 @@ class NativeCapture:
         for name in description.contains:
             if not os.path.exists(inside(folder, name, "capture.toml")):
                 raise HandbenchError(
-                    f"{folder}: {name} is missing, but capture.toml says it is there; copy it again"
+                    f"{folder}: {name} is missing, although capture.toml lists it; copy the "
+                    "capture again"
                 )
         return description
 

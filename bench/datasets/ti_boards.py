@@ -62,12 +62,14 @@ def antennas(
         signs = SIGNS.get(profile.board)
     else:
         raise HandbenchError(
-            f"{source}: nothing gives the antennas' places; add tx_m.csv and rx_m.csv "
-            f"(x_m,y_m,z_m), or {option('--set board=…', 'board')} of {', '.join(BOARDS)}"
+            f"{source}: nothing gives the positions of the antennas; add tx_m.csv and rx_m.csv "
+            f"(x_m,y_m,z_m), or {option('--set board=…', 'board')} with one of {', '.join(BOARDS)}"
         )
     for name, index in used.items():
         if index.max() >= (there := len(tables[name])):
-            asked = f"antenna {index.max() + 1} was on"
-            raise HandbenchError(f"{source}: {asked}; {name} has {there} places; add its place")
+            asked = f"the profile uses antenna {index.max() + 1}"
+            raise HandbenchError(
+                f"{source}: {asked}, but {name} has only {there} positions; add the others"
+            )
     gains = np.tile(signs, (len(transmitters), 1))[:, used["rx_m"]] if signs else None
     return {name: tables[name][index] for name, index in used.items()}, gains

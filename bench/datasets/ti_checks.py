@@ -68,8 +68,8 @@ def profile_warnings(source: Path, numbers: np.ndarray, profile: ChirpProfile) -
 
 def mistake(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
     """Find the first mistake in a profile: ([fields as they should be; several if the echoes do not
-    distinguish between them], what the echoes show); None if there is none. Arguments as of
-    `profile_warnings`."""
+    distinguish between them], what the echoes show); None if there is none. source: the folder;
+    numbers, int16 [n]: those in its .bin files; profile: as the folder states it."""
     frame = frame_numbers(profile)
     frames = min(len(numbers), MOST) // frame
     if frames < len(numbers) // frame:  # a power of 2, so that twice as large frames fit, too

@@ -58,8 +58,8 @@ class ChirpProfile(Config):
         transmitters, chirps = np.unique(self.transmitters, return_counts=True)
         if len(set(chirps)) > 1:
             raise ValueError(
-                f"transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a loop; "
-                "expected as many of each"
+                f"the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
+                "loop; expected the same number for each"
             )
         return self
 
@@ -86,10 +86,12 @@ def read_profile(source: Path, settings: Mapping[str, Any]) -> ChirpProfile:
     found = _profiles(source)
     if len(found) != 1:
         names = ", ".join(path.name for path in found) or "none"
-        raise HandbenchError(f"{source}: has {names}; expected one .cfg or .json, the profile")
+        raise HandbenchError(
+            f"{source}: has {names}; expected exactly one .cfg or .json file, the chirp profile"
+        )
     given = _read_cfg(found[0]) if found[0].suffix == ".cfg" else read_json(found[0], WHAT)
     if not isinstance(given, dict):
-        raise HandbenchError(f"{found[0]}: is no table; expected the keys of a chirp profile")
+        raise HandbenchError(f"{found[0]}: is not a table; expected the keys of a chirp profile")
     if "mmWaveDevices" in given:
         given = read_studio(found[0], given, CHIRPS)
     return parse(ChirpProfile, given | dict(settings), str(found[0]))
@@ -104,7 +106,7 @@ def _read_cfg(path: Path) -> dict[str, Any]:
     try:
         text = read_text(path, "a .cfg of the mmWave SDK", CSV_BYTES)
     except ValueError as error:
-        raise HandbenchError(f"{path}: is no text ({error}); copy it again") from None
+        raise HandbenchError(f"{path}: is not text ({error}); copy it again") from None
     for number, line in enumerate(text.split("\n"), 1):
         name, *words = line.split("%")[0].split() or [""]
         if name not in COMMANDS:
@@ -125,21 +127,26 @@ def _read_cfg(path: Path) -> dict[str, Any]:
         elif name == "chirpCfg":
             start, stop, sent = int(values[0]), int(values[1]), _antennas_of(values[7])
             if not 0 <= start <= stop < CHIRPS or any(values[3:7]) or len(sent) != 1:
-                expected = f"chirps below {CHIRPS}, no changes of the profile, one transmitter"
+                expected = (
+                    f"chirp numbers below {CHIRPS}, no changes of the profile, one transmitter"
+                )
             else:
                 chirps |= dict.fromkeys(range(start, stop + 1), (values[2], sent[0]))
         if expected:
             shown = " ".join(words)[:60]
             raise HandbenchError(f"{path}: line {number}: {name} is '{shown}'; expected {expected}")
     if missing := [name for name in NEEDED if name not in last]:
-        raise HandbenchError(f"{path}: lacks {', '.join(missing)}; add what the radar was sent")
+        raise HandbenchError(
+            f"{path}: has no {', '.join(missing)}; add these commands as they were sent to the "
+            "radar"
+        )
     first, final, loops = (int(value) for value in last["frameCfg"][:3])
     numbers = range(first, final + 1)[: CHIRPS + 1]
     known = {chirps[number][0] for number in numbers if number in chirps}
     if not set(numbers) <= chirps.keys() or len(known) != 1 or known - set(profiles):
         raise HandbenchError(
-            f"{path}: frameCfg sends chirps {first} to {final}; expected a chirpCfg for each, and "
-            "one profileCfg for all"
+            f"{path}: frameCfg sends the chirps {first} to {final}; expected a chirpCfg for each "
+            "of them, and the same profileCfg for all"
         )
     profile = profiles[known.pop()]
     # SDK 3 has the number of a subframe first, SDK 2 does not; 1: Q is first, 1: not interleaved

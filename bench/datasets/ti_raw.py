@@ -52,6 +52,7 @@ def import_ti_raw(
     capture = recording.capture()
     name, methods = Path(folder).resolve().name, method_tables(capture)
     facts = {"name": name, "kind": "other", "contains": (ECHOES,), "methods": methods}
+    facts["unknown"] = ("range_offset",)  # of the board and its cables
     description = parse(CaptureFile, facts | about, str(folder))
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)

@@ -31,9 +31,10 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     stored, parts = _stored(profile), 1 if profile.real else 2
     if not len(numbers) or len(numbers) % frame or stored * n % 2:
         raise HandbenchError(
-            f"{where}: has {2 * len(numbers)} bytes; expected whole frames of {2 * frame}: "
-            f"{frame // (stored * n * parts)} chirps × {stored} receivers × {n} samples, in all "
-            f"even, × {2 * parts} bytes; is it the right profile?"
+            f"{where}: has {2 * len(numbers)} bytes, which is not a whole number of frames of "
+            f"{2 * frame} bytes ({frame // (stored * n * parts)} chirps × {stored} receivers × {n} "
+            f"samples × {2 * parts} bytes, with an even number of samples); check that the profile "
+            "belongs to this recording"
         )
     values = unpack(numbers, profile)
     shape = (-1, profile.loops, len(profile.transmitters))
@@ -76,7 +77,7 @@ def read_numbers(source: Path, profile: ChirpProfile) -> np.ndarray:
     radars side by side, so that each time has the numbers of all sixteen receivers."""
     paths = _in_order(source.glob("*.bin"))
     if not (size := sum(require_file(path, WHAT).stat().st_size for path in paths)):
-        raise HandbenchError(f"{source}: has no samples in .bin files; expected {WHAT}")
+        raise HandbenchError(f"{source}: has no .bin file with samples; expected {WHAT}")
     require_free(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
     if profile.lanes != 16:
         return _read(paths)

@@ -33,7 +33,7 @@ PARAMETERS = {".s1p": ("S11",), ".s2p": ("S11", "S21", "S12", "S22")}  # in a re
 USUAL = {".s1p": "S11", ".s2p": "S21"}
 UNITS = {"HZ": 1.0, "KHZ": 1e3, "MHZ": 1e6, "GHZ": 1e9}
 FORMATS = ("RI", "MA", "DB")
-OPTIONS = "expected '#' and then any of Hz, kHz, MHz, GHz; S; RI, MA, DB; R and ohms"
+OPTIONS = "expected '#', then any of: Hz, kHz, MHz or GHz; S; RI, MA or DB; R and ohms"
 NOISE = 5  # numbers of a line of noise parameters
 
 
@@ -70,8 +70,8 @@ def import_touchstone(
             tones_hz, frequencies_hz, rtol=1e-9, atol=0
         ):
             raise HandbenchError(
-                f"{path}: has {_range(tones_hz)}; expected those of {names[0]}, "
-                f"{_range(frequencies_hz)}: sweep all places alike"
+                f"{path}: has {_range(tones_hz)}, but {names[0]} has {_range(frequencies_hz)}; "
+                "measure all positions with the same frequencies"
             )
         samples[:, row] = values
     tx_m, rx_m = places_m[:, :3], places_m[:, 3:]
@@ -96,9 +96,13 @@ def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarra
     """
     kind = path.suffix.lower()
     if kind not in PARAMETERS:
-        raise HandbenchError(f"{path}: is no Touchstone file; expected one in .s1p or .s2p")
+        raise HandbenchError(
+            f"{path}: is not a Touchstone file; expected a name that ends in .s1p or .s2p"
+        )
     if (parameter := parameter or USUAL[kind]) not in PARAMETERS[kind]:
-        raise HandbenchError(f"{path}: has only S11; expected {parameter}: give a .s2p file")
+        raise HandbenchError(
+            f"{path}: has only S11, but {parameter} is requested; give a .s2p file"
+        )
     content = read_bytes(path, "a Touchstone file", TOUCHSTONE_BYTES)
     (unit, form), records = _read_records(path, content, 1 + 2 * len(PARAMETERS[kind]))
     at = 1 + 2 * PARAMETERS[kind].index(parameter)
@@ -111,8 +115,8 @@ def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarra
             values = size * np.exp(1j * np.deg2rad(second))
     if not (np.abs(values) < 1e30).all():
         raise HandbenchError(
-            f"{path}: {parameter} reaches {np.abs(values).max():.3g}; expected a reflection or "
-            f"transmission near 1: are its numbers {form}?"
+            f"{path}: {parameter} has a magnitude of {np.abs(values).max():.3g}; expected about 1 "
+            f"or less; check that its numbers are {form}, as its option line says"
         )
     return records[:, 0] * UNITS[unit], values
 
@@ -135,12 +139,13 @@ def _read_records(path: Path, content: bytes, size: int) -> tuple[tuple[str, str
             continue
         if text.startswith("["):
             raise HandbenchError(
-                f"{where} is '{text[:40]}', of Touchstone 2; expected version 1: export it so"
+                f"{where} is '{text[:40]}', which is Touchstone version 2; export the file as "
+                "version 1"
             )
         if not text:
             continue
         if options is None:
-            raise HandbenchError(f"{where} comes before the option line; {OPTIONS}")
+            raise HandbenchError(f"{where} is before the option line; {OPTIONS}")
         try:
             numbers = [float(word) for word in text.split()]
         except ValueError:
@@ -150,19 +155,19 @@ def _read_records(path: Path, content: bytes, size: int) -> tuple[tuple[str, str
             break
         record = record + numbers
         if not numbers or not all(map(math.isfinite, numbers)) or len(record) > size:
-            raise HandbenchError(f"{where} is '{text[:40]}'; expected a record of {size} numbers")
+            raise HandbenchError(f"{where} is '{text[:40]}'; expected {size} numbers")
         if len(record) == size:
             if not record[0] > max(last_hz, 0):
                 raise HandbenchError(
-                    f"{where} has the frequency {record[0]:g}; expected one above "
-                    f"{max(last_hz, 0):g}, the one before"
+                    f"{where} has the frequency {record[0]:g}; expected one above the frequency "
+                    f"before it, {max(last_hz, 0):g}"
                 )
             records.append(record)
             record = []
     if options is None or record or not records:
         raise HandbenchError(
-            f"{path}: ends at line {number} with {len(record)} numbers; expected records of {size}:"
-            " is the file complete?"
+            f"{path}: ends at line {number} with {len(record)} numbers; expected {size} numbers "
+            "for each frequency; check that the file is complete"
         )
     return options, np.array(records)
 
@@ -200,20 +205,21 @@ def _read_positions(path: Path) -> tuple[list[str], np.ndarray]:
     for number, row in rows[1:]:
         where = f"{path}: line {number}"
         if len(row) != len(COLUMNS):
-            raise HandbenchError(f"{where} has {len(row)} cells; expected {len(COLUMNS)}")
+            raise HandbenchError(f"{where} has {len(row)} columns; expected {len(COLUMNS)}")
         try:
             place = [float(cell) for cell in row[1:]]
         except ValueError as error:
-            raise HandbenchError(f"{where}: {error}; expected metres") from None
+            raise HandbenchError(f"{where}: {error}; expected a number of metres") from None
         for what in (row[0], tuple(place)):
             if (before := lines.setdefault(what, number)) != number:
                 raise HandbenchError(
-                    f"{where} has the file or the places of line {before}; expected others"
+                    f"{where} repeats the file or the position of line {before}; give each "
+                    "position a file of its own"
                 )
         names.append(row[0])
         places.append(place)
     if not names:
-        raise HandbenchError(f"{path}: lists no file; expected a line for each")
+        raise HandbenchError(f"{path}: lists no file; add one line for each measurement")
     positions(str(path), np.reshape(places, (-1, 3)))  # refuses what cannot be metres
     return names, np.array(places)
 

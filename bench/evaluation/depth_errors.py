@@ -54,9 +54,8 @@ def error_map(
     ):
         if given is not None and given.shape != (len(y_m), len(x_m)):
             raise HandbenchError(
-                f"{name} {given.shape} and grid [ny, nx] = {(len(y_m), len(x_m))} are not on "
-                "one grid; "
-                "render the reference on the depth map's grid"
+                f"{name}: has shape {given.shape}, but the depth map has {(len(y_m), len(x_m))} "
+                "[ny, nx]; render the reference on the depth map's grid"
             )
     reference_z_m = np.where(np.isfinite(reference_z_m), reference_z_m, np.nan).astype(np.float64)
     z_m = np.where(np.isfinite(z_m), z_m, np.nan)

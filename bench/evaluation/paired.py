@@ -108,13 +108,13 @@ def compare(
     nor higher values are better."""
     if len({len(values) for values in figures.values()}) > 1:
         raise HandbenchError(
-            f"comparison: {', '.join(figures)} have unequal numbers of captures; expected the "
-            "same ones"
+            f"comparison: {', '.join(figures)} have different numbers of captures; compare "
+            "methods on the same captures"
         )
     if METRICS[metric].better == "zero":
         raise HandbenchError(
-            f"comparison: '{metric}' cannot be compared; expected one with a direction, as "
-            f"{HEADLINE}"
+            f"comparison: '{metric}' cannot be compared, because neither lower nor higher is "
+            f"better; use another metric such as {HEADLINE}"
         )
     known = [method for method, values in figures.items() if np.isfinite(values).any()]
     pairs = [_ordered(pair, figures, METRICS[metric].better) for pair in combinations(known, 2)]

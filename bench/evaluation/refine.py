@@ -110,9 +110,9 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
         matrix = _motion(walk[-1], pixels) @ matrix
     if left > 1:
         raise HandbenchError(
-            f"refine: still moving by {1e3 * np.linalg.norm(walk[-1]):.3f} mm after {STEPS} "
-            "steps; mesh and depth map "
-            "do not settle: start nearer, or calibrate with a target"
+            f"refine: the mesh still moved by {1e3 * np.linalg.norm(walk[-1]):.3f} mm after "
+            f"{STEPS} steps, so it cannot be aligned to the depth map; start with a better "
+            "transform, or calibrate with a target"
         )
     change = matrix @ np.linalg.inv(start.matrix)
     # of the point that came there
@@ -121,10 +121,10 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
     shift, turn = float(np.linalg.norm(shift_m)), float(np.linalg.norm(turn_rad))
     if shift > FARTHEST_M or turn > FARTHEST_RAD:
         raise HandbenchError(
-            f"refine: the mesh would move by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°; "
-            "at most "
-            f"{1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° can be trusted: "
-            f"start nearer ({option('--transform')}), or calibrate with a target"
+            f"refine: would move the mesh by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°, "
+            f"but only {1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° are "
+            f"reliable; start with a better transform ({option('--transform')}), or calibrate "
+            "with a target"
         )
     before = _shared(surface, depth, start)
     kept = weight > 0
@@ -158,7 +158,7 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
     jump. Raises HandbenchError if too few pixels remain."""
     if min(depth.z_m.shape) < 3:
         raise HandbenchError(
-            f"refine: the depth map has {depth.z_m.shape} pixels; expected a map of 3 × 3 or more"
+            f"refine: the depth map has {depth.z_m.shape} pixels; expected at least 3 × 3"
         )
     z_m = reference_on_grid(surface.moved(radar_from_mesh), depth.x_m, depth.y_m).z_m
     slope_y, slope_x = np.gradient(z_m, depth.y_m, depth.x_m)
@@ -171,10 +171,10 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
     blocks = _blocks(*place_m).max() + 1
     if len(row) < FEWEST_PIXELS or blocks < FEWEST_BLOCKS:
         raise HandbenchError(
-            f"refine: mesh and depth map share {len(row)} pixels that are not steep, in {blocks} "
-            "cells of "
-            f"{1e3 * BLOCK_M:.0f} mm; expected {FEWEST_PIXELS} in {FEWEST_BLOCKS} or more: check "
-            f"{option('--transform')}, and that both show the same object"
+            f"refine: mesh and depth map share {len(row)} pixels where the surface is not steep, "
+            f"in {blocks} squares of {1e3 * BLOCK_M:.0f} mm; expected at least {FEWEST_PIXELS} "
+            f"pixels in {FEWEST_BLOCKS} squares; check {option('--transform')}, and that both "
+            "show the same object"
         )
     points_m = np.stack([*place_m, z_m[row, column]], axis=1).astype(np.float64)
     n_z, slope = n_z[row, column], np.stack([slope_x[row, column], slope_y[row, column]])
@@ -233,7 +233,9 @@ def _scatter(
     determines, held [6, k].
     It is M⁻¹ (s² Σ J_i J_jᵀ ρ(r_ij; ℓ) + β² Σ b_i b_jᵀ ρ(r_ij; L)) M⁻¹ (Conley 1999), summed over
     all pairs of pixels, with M = Σ ψ' JᵀJ, b = w·n_z·J, and the correlation ρ(r; ℓ) = exp(−r²/2ℓ²).
-    weight [n] is w, curvature [n] is ψ'.
+    e [n] is the residual along z, J its derivative by the motion, n_z the
+    z component of the unit normal, r_ij the distance between two pixels. weight [n] is w, curvature
+    [n] is ψ'.
     s² is the mean square of u = w·e, divided by the share of it that the fit has not absorbed. ℓ
     follows from τ, the mean of u_i u_j/s² over the pairs with weights ρ(r_ij; q): ℓ² = q²τ/(1 − τ),
     since the integral of ρ(r; ℓ)ρ(r; q) gives τ = ℓ²/(ℓ² + q²). β is the radar's bias (BIAS_M), L

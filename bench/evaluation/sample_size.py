@@ -46,8 +46,8 @@ def components(figures: np.ndarray) -> Components:
     n, k, r = cells.shape
     if n < LEAST or k < 2:
         raise HandbenchError(
-            f"variance components: {n} captures of {k} methods have all figures; expected "
-            f"{LEAST} and 2 or more"
+            f"variance components: need at least {LEAST} captures and 2 methods with all figures, "
+            f"but there are {n} captures and {k} methods; add captures or methods"
         )
     means = cells.mean(axis=2)
     of_captures, of_methods = means.mean(axis=1, keepdims=True), means.mean(axis=0)

@@ -131,7 +131,7 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
         values = table[column.name]
         if column.kind is not float and values.hasnans:
             if not column.optional:
-                raise ValueError(f"'{column.name}' has lines without a value")
+                raise ValueError(f"the column '{column.name}' has empty cells")
             values = values.astype(object).mask(values.isna(), OLDER[column.kind])
         typed[column.name] = (
             values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
@@ -181,11 +181,9 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
             path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES
         )
         if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
-            raise ValueError(f"it has about {cells} cells; at most {MOST_CELLS} are read")
+            raise ValueError(f"it has about {cells} cells, more than {MOST_CELLS}")
         if (wide := text.partition("\n")[0].count(",")) > MOST_COLUMNS:
-            raise ValueError(
-                f"its first line has about {wide} cells; at most {MOST_COLUMNS} are read"
-            )
+            raise ValueError(f"its first line has about {wide} columns, more than {MOST_COLUMNS}")
         lines = csv.reader(io.StringIO(text))
         header = next(lines, [])
         required = sum(not column.optional for column in schema.columns)
@@ -236,14 +234,15 @@ def _values(columns: Sequence[Column], cells: Sequence[str], number: int) -> lis
     of another type.
     number: number of the line in its file, for the message."""
     if len(cells) != len(columns):
-        raise ValueError(f"line {number}: has {len(cells)} cells; expected {len(columns)}")
+        raise ValueError(f"line {number} has {len(cells)} columns; expected {len(columns)}")
     values = []
     for column, cell in zip(columns, cells, strict=True):
         try:
             values.append(sys.intern(cell) if column.kind is str else _value(column.kind, cell))
         except (ValueError, OverflowError):
             raise ValueError(
-                f"line {number}: '{column.name}' is {cell[:60]!r}; expected {EXPECTED[column.kind]}"
+                f"in line {number}, '{column.name}' is {cell[:60]!r}; expected "
+                f"{EXPECTED[column.kind]}"
             ) from None
     return values
 

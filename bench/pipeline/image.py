@@ -67,7 +67,7 @@ def prepare(
     require_near(echoes)
     if not 0 <= frame < len(echoes.samples):
         raise HandbenchError(
-            f"frame {frame}: is not there; the capture has frames 0 to {len(echoes.samples) - 1}"
+            f"frame {frame}: does not exist; the capture has frames 0 to {len(echoes.samples) - 1}"
         )
     echoes = thin_antennas(echoes, every_nth_antenna)
     require_tones(echoes, settings)
@@ -95,10 +95,9 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
         raise HandbenchError(
-            f"echoes: an antenna is {far_m:g} m from the origin; expected {farthest_m:g} m at "
-            "most: are its "
-            "positions millimetres? multiply them by 1e-3; if they are not, raise "
-            "HANDBENCH_FARTHEST_M"
+            f"echoes: an antenna is {far_m:g} m from the origin; expected at most {farthest_m:g} "
+            "m; if the positions are in millimetres, multiply them by 1e-3; if they are right, "
+            "raise HANDBENCH_FARTHEST_M"
         )
     return echoes
 

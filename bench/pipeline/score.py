@@ -74,8 +74,8 @@ def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | No
         return depth.z_m
     if recorded is None:
         raise HandbenchError(
-            f"protocol: '{protocol.id}' scores the pixels of the capture's own mask, and no "
-            "capture is named; name it"
+            f"protocol: '{protocol.id}' scores the pixels in the capture's own mask, but no "
+            "capture is given; give one"
         )
     return np.where(recorded.mask(depth, protocol.erodes), depth.z_m, np.nan)
 

@@ -46,9 +46,12 @@ def name_problem(name: str, own: str = "") -> str:
     own: id of the method that has the name; "" for a capture."""
     other = STANDS_FOR.get(folded(name), "")
     if other in REFERENCES:
-        return f"'{name}' reads as '{other}', a reference; choose another name"
+        return f"'{name}' has the same meaning as '{other}', a reference; choose another name"
     if other not in ("", own):
-        return f"'{name}' reads as '{other}', a method of handbench; choose another name"
+        return (
+            f"'{name}' has the same meaning as '{other}', a method of handbench; choose another "
+            "name"
+        )
     return ""
 
 
@@ -156,6 +159,7 @@ def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> Conf
     ours = model.model_fields["schema_version"].default
     if version != ours:
         raise HandbenchError(
-            f"{path}: schema_version is {version!r}, this handbench reads {ours}; {remedy}"
+            f"{path}: schema_version is {version!r}, but this version of handbench reads {ours}; "
+            f"{remedy}"
         )
     return parse(model, content, str(path))

@@ -119,7 +119,8 @@ def compare_results(a: Result, b: Result) -> Compared:
     if not methods or not bases:
         lack = "method" if not methods else "reference"
         raise HandbenchError(
-            f"{a.folder} and {b.folder}: have no {lack} in common; expected at least one"
+            f"{a.folder}, {b.folder}: the two results have no {lack} in common; expected at least "
+            "one"
         )
     metrics = compared_metrics(a.about.protocol)
     figures = [[by_method(result.scores, basis.reference) for result in (a, b)] for basis in bases]
@@ -145,9 +146,8 @@ def require_comparable(a: Result, b: Result) -> None:
     )
     if ours != theirs:
         raise HandbenchError(
-            f"{a.folder} and {b.folder}: were scored by the protocols '{ours}' and '{theirs}', "
-            "whose figures do not "
-            "compare; run one of them again"
+            f"{a.folder}, {b.folder}: the two results use the scoring protocols '{ours}' and "
+            f"'{theirs}', whose figures cannot be compared; run one of them again"
         )
     shared = a.about.metrics.keys() & b.about.metrics.keys()
     changed = sorted(
@@ -155,9 +155,8 @@ def require_comparable(a: Result, b: Result) -> None:
     )
     if changed:
         raise HandbenchError(
-            f"{a.folder} and {b.folder}: define {', '.join(changed)} differently, so their "
-            "figures do not compare; "
-            "run the older one again"
+            f"{a.folder}, {b.folder}: the two results define {', '.join(changed)} differently, so "
+            "their figures cannot be compared; run the older one again"
         )
 
 

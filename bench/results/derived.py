@@ -179,9 +179,9 @@ def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
                 if errors.error_m.shape != depth.z_m.shape:
                     file = depth_path(result.folder, capture.name, method)
                     raise HandbenchError(
-                        f"{file}: has {' × '.join(map(str, depth.z_m.shape))} pixels, its errors "
-                        f"in errors/ have {' × '.join(map(str, errors.error_m.shape))}; run the "
-                        "benchmark again"
+                        f"{file}: has {' × '.join(map(str, depth.z_m.shape))} pixels, but its "
+                        f"errors in errors/ have {' × '.join(map(str, errors.error_m.shape))}; "
+                        "run the benchmark again"
                     )
                 grid = errors.x_m.tobytes() + b"|" + errors.y_m.tobytes()
                 if grid not in surfaces:

@@ -115,13 +115,13 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
             )
         if (long := np.abs(array) > LONGEST_M).any():
             raise HandbenchError(
-                f"{path}: '{name}' is {array[long][0]:g}; expected metres, at most {LONGEST_M:g}; "
-                "run the benchmark again"
+                f"{path}: '{name}' has the value {array[long][0]:g}; expected metres, at most "
+                f"{LONGEST_M:g}; run the benchmark again"
             )
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
             raise HandbenchError(
-                f"{path}: '{name}' has positions that repeat or are not finite; "
-                "run the benchmark again"
+                f"{path}: '{name}' has positions that repeat or are NaN or infinite; run the "
+                "benchmark again"
             )
     return arrays

@@ -68,8 +68,9 @@ def rank_methods(results: Sequence[Result]) -> tuple[pd.DataFrame, str]:
 
 
 def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
-    """Choose the reference with the most surface for which all results have a capture in common;
-    return it and these captures.
+    """Choose the reference (a measured mesh, or the true surface) with which all results scored
+    some of the same captures, and return its name and the names of these captures. Of several, that
+    with the larger surface is taken.
     Raises HandbenchError if there is none."""
     for reference in ("completed", *REFERENCES):
         names = [_captures(result, reference) for result in results]
@@ -77,7 +78,7 @@ def _common(results: Sequence[Result]) -> tuple[str, list[str]]:
             return reference, common
     folders = ", ".join(str(result.folder) for result in results)
     raise HandbenchError(
-        f"{folders}: have no capture in common; run the methods on the same captures"
+        f"{folders}: these results have no capture in common; run the methods on the same captures"
     )
 
 

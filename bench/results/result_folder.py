@@ -214,8 +214,8 @@ def load(folder: str | Path) -> Result:
     older = OLDER if not paths["scores"].exists() else ()
     if older and not any(paths[name].exists() for name in older):
         say(
-            f"{folder}: has neither scores.csv nor the tables of version 0.2; what is compared "
-            "or repeated is not known"
+            f"{folder}: has neither scores.csv nor the tables of version 0.2, so its captures "
+            "cannot be compared; run the benchmark again"
         )
     tables = {
         name: read(path, TABLES[name])
@@ -234,15 +234,14 @@ def _require_figures(path: Path, scores: pd.DataFrame) -> None:
     """Raise a HandbenchError if the scores have two lines for one figure, or so many captures,
     methods and metrics that arranging them by method would fill the memory."""
     if scores.duplicated(SCORES.names[:-1]).any():
-        raise HandbenchError(f"{path}: has two lines of one figure; run the benchmark again")
+        raise HandbenchError(f"{path}: has two lines for the same figure; run the benchmark again")
     captures, methods, metrics = (
         scores[column].nunique() for column in ("capture", "method", "metric")
     )
     if captures * methods * metrics > MOST_CELLS:
         raise HandbenchError(
-            f"{path}: names {captures} captures, {methods} methods and {metrics} metrics; at "
-            f"most {MOST_CELLS} figures "
-            "are read; run the benchmark again"
+            f"{path}: has {captures} captures, {methods} methods and {metrics} metrics, which "
+            f"make more than {MOST_CELLS} figures; run the benchmark again"
         )
 
 
@@ -260,6 +259,6 @@ def _require_complete(result: Result) -> None:
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise HandbenchError(
-            f"{missing[0]}: is missing ({len(missing)} of {len(paths)} maps are); "
-            "the result is partial: run the benchmark again, it resumes"
+            f"{missing[0]}: is missing (with {len(missing)} of {len(paths)} maps), so the result "
+            "is not complete; run the benchmark again, which continues it"
         )

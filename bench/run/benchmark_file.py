@@ -29,7 +29,7 @@ Item = TypeVar("Item")
 
 def _each_once(items: tuple[Item, ...]) -> tuple[Item, ...]:
     if len(set(items)) < len(items):
-        raise ValueError("names one twice; name each once")
+        raise ValueError("a value is listed twice; list each once")
     return items
 
 
@@ -69,7 +69,9 @@ class Source(Origin):
     @model_validator(mode="after")
     def _persons_of_a_scene(self) -> "Source":
         if self.persons and self.scene is None:
-            raise ValueError('persons need a scene; give scene = "FILE.toml" instead of path')
+            raise ValueError(
+                'persons are given without a scene; give scene = "FILE.toml" instead of path'
+            )
         return self
 
     def each(self) -> "tuple[Source, ...]":
@@ -144,8 +146,8 @@ class MethodEntry(Config):
     def _no_submission(cls, given: Any) -> Any:
         if isinstance(given, dict) and "submission" in given:
             raise ValueError(
-                'submission is gone; give maps = "FOLDER", with a depth map CAPTURE.npz for each '
-                "capture"
+                'the key submission is no longer used; give maps = "FOLDER", with a depth map '
+                "CAPTURE.npz for each capture"
             )
         return given
 
@@ -153,30 +155,35 @@ class MethodEntry(Config):
     def _foreign_as_it_is(self) -> "MethodEntry":
         where = f"method '{self.id}'"
         if self.maps is not None and self.command is not None:
-            raise ValueError(f"{where} has maps and a command; give one of them")
+            raise ValueError(f"{where}: has maps and a command; give only one of them")
         if self.command is None and (self.limit_s is not None or self.limit_mb is not None):
-            raise ValueError(f"{where} has limit_s or limit_mb but no command; leave them out")
+            raise ValueError(
+                f"{where}: has limit_s or limit_mb but no command; leave these keys out"
+            )
         if not self.foreign:
             return self
         checked_name(self.id)
         if self.config or self.precision or self.every_nth_antenna > 1:
             raise ValueError(
-                f"{where} is taken as it is; leave out config, precision and every_nth_antenna"
+                f"{where}: is a method from outside handbench, to which config, precision and "
+                "every_nth_antenna do not apply; leave these keys out"
             )
         if self.command is not None:
             if not self.command.isprintable():
                 raise ValueError(
-                    f"{where}: command has characters that cannot be printed; leave them out"
+                    f"{where}: the command has characters that cannot be printed; remove them"
                 )
             try:
                 words = shlex.split(self.command)
             except ValueError as error:
                 raise ValueError(
-                    f"{where}: command is not readable ({error}); quote it as for a shell"
+                    f"{where}: the command cannot be split into words ({error}); quote it as for "
+                    "a shell"
                 ) from None
             if missing := [place for place in PLACES if not any(place in word for word in words)]:
                 raise ValueError(
-                    f"{where}: command lacks {' and '.join(missing)}; expected '{EXAMPLE}'"
+                    f"{where}: the command has no {' and no '.join(missing)}; expected a command "
+                    f"such as '{EXAMPLE}'"
                 )
         return self
 
@@ -230,12 +237,12 @@ class BenchFile(Config):
         ]
         if not any("accuracy" in measured for measured in measures):
             raise ValueError(
-                "no capture measures the accuracy, without which there is no table; add one that "
-                "does"
+                "no capture measures the accuracy, which the table needs; add a capture that does"
             )
         if ("precision",) in measures and not any(entry.precision for entry in self.method):
             raise ValueError(
-                "a capture measures only the precision, but no method has precision = true"
+                "a capture measures only the precision, but no method has precision = true; add "
+                "this to a method"
             )
         return self
 
@@ -277,8 +284,8 @@ def find_benchmark(name: str) -> Path:
     if path.is_dir():
         return FOLDER
     raise HandbenchError(
-        f"benchmark: '{name}' is neither a file, a folder of captures nor embedded; "
-        f"{suggest(name, list(known))}"
+        f"benchmark: '{name}' is neither a file, nor a folder of captures, nor a built-in "
+        f"benchmark; {suggest(name, list(known))}"
     )
 
 
@@ -324,7 +331,7 @@ def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
     elif entry.id in {known.id for known in methods()}:
         given = "maps" if entry.command is None else "command"
         raise HandbenchError(
-            f"{where}: has {given}, but handbench has this method; give yours another id"
+            f"{where}: has {given}, but its id is that of a method of handbench; choose another id"
         )
     elif entry.maps is not None:
         require_folder(

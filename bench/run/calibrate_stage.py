@@ -62,6 +62,7 @@ def common_target(captures: Sequence[Path]) -> Target:
     for capture, target in targets.items():
         if target != targets[captures[0]]:
             raise HandbenchError(
-                f"{capture / TARGET}: differs from {captures[0]}'s; combine captures of one target"
+                f"{capture / TARGET}: describes another target than the file in {captures[0]}; "
+                "combine only captures of the same target"
             )
     return targets[captures[0]]

@@ -37,7 +37,8 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
     for source in sources:
         if source.scene is None:
             raise HandbenchError(
-                f"{name}: has the capture {source.path}; expected scenes, which can be simulated"
+                f"{name}: has the recorded capture {source.path}, but only scenes can be "
+                "simulated; leave this capture out"
             )
         scene, file = scene_of(bench, base, source)
         if isinstance(source, Source) and "accuracy" not in source.measures:
@@ -66,8 +67,8 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
     HandbenchError for a benchmark with a method that is not part of handbench."""
     if any(entry.foreign for entry in bench.method):
         raise HandbenchError(
-            f"{name}: has a method with maps or a command; add it to the file that is written "
-            "instead"
+            f"{name}: has a method with maps or a command, which cannot be simulated; add the "
+            "method to the benchmark file that is written"
         )
     content: dict[str, Any] = bench.model_dump(
         mode="json", exclude_none=True, exclude_defaults=True
@@ -91,12 +92,14 @@ def _start(folder: Path, text: str, overwrite: bool) -> None:
     file = folder / BENCH
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():
-            raise HandbenchError(f"{folder}: holds files but no {BENCH}; choose another -o")
+            raise HandbenchError(
+                f"{folder}: has files but no {BENCH}; choose another folder for -o"
+            )
         done = (folder / CHECKSUMS).exists() or file.read_text("utf-8", "replace") != text
         if done and not overwrite:
             raise HandbenchError(
-                f"{folder}: holds a set of captures; choose another -o, or --overwrite to "
-                "replace it"
+                f"{folder}: has a set of captures already; choose another folder for -o, or use "
+                "--overwrite to replace it"
             )
         if overwrite and is_owned_folder(folder / CAPTURES):
             names = listed_captures(folder)

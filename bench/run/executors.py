@@ -126,7 +126,8 @@ class ProcessExecutor(ThreadPoolExecutor):
                     return self._tried(held.pop(), job)
                 except BrokenProcessPool:
                     raise HandbenchError(
-                        "its process was ended twice; free memory, or set HANDBENCH_WORKERS=1"
+                        "the operating system ended its process twice, probably for lack of "
+                        "memory; free memory, or set HANDBENCH_WORKERS=1"
                     ) from None
                 finally:
                     for number in held:
@@ -172,7 +173,9 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
     except KilledWorker as error:
         deaths = error.allowed_failures + 1
         future.set_exception(
-            HandbenchError(f"{deaths} workers died over it; give the workers more memory")
+            HandbenchError(
+                f"{deaths} workers ended while computing it; give the workers more memory"
+            )
         )
     except BaseException as error:
         future.set_exception(error)
@@ -205,14 +208,14 @@ def _require_same(root: Path, stage: Stage) -> None:
     handbench or of its libraries."""
     if not root.is_dir():
         raise HandbenchError(
-            f"{root}: is not there on this machine; expected the result folder, shared by all "
-            "workers"
+            f"{root}: this machine does not have the result folder; put it on a disk that all "
+            "workers share"
         )
     plugged = method_key(stage.method) if stage.method else ()
     if stage_code_hash(stage.function, plugged) != stage.code:
         raise HandbenchError(
-            f"{stage.label}: this worker's handbench or libraries differ from the client's; "
-            "install the same on both"
+            f"{stage.label}: this worker has another version of handbench or of a library than "
+            "the client; install the same versions on both"
         )
 
 
@@ -262,8 +265,8 @@ def executor(
         from distributed import Client
     except ImportError as error:
         raise HandbenchError(
-            f"--scheduler: needs Dask ({error}); pip install 'handbench[cluster]', or leave the "
-            "option out"
+            f"--scheduler: needs Dask, which cannot be imported ({error}); run pip install "
+            "'handbench[cluster]', or leave --scheduler out"
         ) from error
     for name in LOGS:  # an error of the cluster is reported once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
@@ -271,9 +274,8 @@ def executor(
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise HandbenchError(
-            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); expected "
-            "tcp://host:port of a "
-            "running `dask scheduler`"
+            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); give "
+            "tcp://host:port of a running `dask scheduler`"
         ) from error
     try:
         with client:
@@ -283,5 +285,6 @@ def executor(
         if isinstance(error, OSError) and error.errno is not None:
             raise
         raise HandbenchError(
-            "--scheduler: it has gone away; start it anew and run again, which resumes"
+            "--scheduler: the connection to the scheduler is lost; start the scheduler again, "
+            "then run the same command, which resumes the run"
         ) from error

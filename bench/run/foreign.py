@@ -119,7 +119,8 @@ def run(
         seconds = _run(command, room, *limits)
         if not file.is_file():
             raise HandbenchError(
-                "the command ended well but wrote no {depth}; expected an .npz file there"
+                "the command ended without an error but did not write {depth}; let it write an "
+                ".npz file there"
             )
         depth, _ = read_map(file, method, PixelGrid(x_m, y_m))
     _save(folder, depth, [seconds])
@@ -141,7 +142,10 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
     HandbenchError if the command is not found, takes too long, or ends with an error."""
     environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
     if shutil.which(command[0], path=environment.get("PATH")) is None:
-        raise HandbenchError(f"command: '{command[0]}' is no program; give its path, or install it")
+        raise HandbenchError(
+            f"command: '{command[0]}' is not a program on this machine; give its path, or install "
+            "it"
+        )
     above = str(os.getpid()), str(room), str(limit_mb * 2**20)
     start = time.perf_counter()
     with subprocess.Popen(
@@ -157,7 +161,8 @@ def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float
             code = child.wait(limit_s)  # its output is shorter than a pipe holds
         except subprocess.TimeoutExpired:
             raise HandbenchError(
-                f"the command took more than {limit_s:g} s; raise limit_s"
+                f"the command took more than {limit_s:g} s and was stopped; make it faster, or "
+                "raise limit_s"
             ) from None
         finally:
             _end(child)
@@ -193,7 +198,7 @@ def _delete(folder: Path) -> None:
     with suppress(OSError, RecursionError):
         shutil.rmtree(folder)
         return
-    say(f"{folder}: cannot be deleted completely; delete it by hand")
+    say(f"{folder}: could not be deleted completely; delete it by hand")
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
@@ -206,7 +211,8 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
         if content[name].shape != expected.shape or not _same(content[name], expected):
             given = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
             raise HandbenchError(
-                f"{file}: {name} is another grid than the benchmark's, {given}; image on that"
+                f"{file}: {name} differs from the benchmark's grid, {given}; compute the depth "
+                "map on this grid"
             )
     for name in ("z_m", "amplitude_db"):
         if content[name].shape != grid.shape or content[name].dtype.kind != "f":
@@ -216,18 +222,20 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
         z_m, amplitude_db = (content[name].astype(np.float32) for name in ("z_m", "amplitude_db"))
     seen = np.isfinite(z_m)
     if np.isinf(z_m).any():
-        raise HandbenchError(f"{file}: z_m has infinite depths; write NaN off target")
+        raise HandbenchError(f"{file}: z_m has infinite depths; write NaN where there is no depth")
     if not seen.any():
         raise HandbenchError(
-            f"{file}: z_m has no depth at all; a capture without any cannot be scored"
+            f"{file}: z_m has no depth at all, so it cannot be scored; write a depth for at least "
+            "one pixel"
         )
     if not np.isfinite(amplitude_db[seen]).all():
         raise HandbenchError(
-            f"{file}: amplitude_db is not finite where z_m has a depth; give every depth one"
+            f"{file}: amplitude_db is not finite at some pixels with a depth; give each of them "
+            "an amplitude"
         )
     if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
         raise HandbenchError(
-            f"{file}: z_m reaches {far_m:g} m; expected metres: are these millimetres?"
+            f"{file}: z_m has a depth of {far_m:g} m; check that the unit is metres"
         )
     depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method)
     seconds = content.get("seconds")

@@ -180,9 +180,7 @@ def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEnt
         file = inside(folder, f"{capture.name}.npz", "method.maps")
         if not file.is_file():
             there = suggest(capture.name, [found.stem for found in folder.glob("*.npz")]) or "none"
-            raise HandbenchError(
-                f"{file}: expected the depth map of '{capture.name}', found nothing; {there}"
-            )
+            raise HandbenchError(f"{file}: the depth map of '{capture.name}' is missing; {there}")
         key = [content_hash(file)]
         given |= {"file": str(file), "config": {"maps": entry.maps}}
     inputs = [capture.key, function.__name__, key, grid.x_m, grid.y_m]
@@ -216,9 +214,9 @@ def references(
             available["completed"] = available["photogrammetry"]
     if not available:
         raise HandbenchError(
-            f"{capture.folder}: nothing to score against; expected photographs or mesh.ply with "
-            "a transform "
-            "(radar_from_photo.json or the benchmark's [calibration]), or truth.ply"
+            f"{capture.folder}: has no surface to compare depths with; add photographs or "
+            "mesh.ply with a transform (radar_from_photo.json, or [calibration] in the "
+            "benchmark), or truth.ply"
         )
     return {name: available[name] for name in REFERENCES if name in available}
 

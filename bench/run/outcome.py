@@ -121,7 +121,9 @@ def common_subset(outcome: Outcome) -> CommonSubset:
     )
     kept, common = _shared(scored)
     if not kept:
-        raise HandbenchError(f"every capture failed; the first: {outcome.failures[0].message}")
+        raise HandbenchError(
+            f"every capture failed; the error of the first: {outcome.failures[0].message}"
+        )
     sources = outcome.bench.capture
     only_precise = [capture for capture in outcome.captures if capture.measures == ("precision",)]
     precise = [entry for entry in outcome.bench.method if entry.id in kept and entry.precision]

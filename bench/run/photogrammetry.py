@@ -24,7 +24,7 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
     photographs."""
     recorded = open_capture(capture)
     if recorded.photos is None:
-        raise HandbenchError(f"{capture}: has no folder of photographs; add it, or a mesh")
+        raise HandbenchError(f"{capture}: has no folder of photographs; add photographs, or a mesh")
     values = {"quality": quality, "box_m": recorded.about.box_m, "seed": seed}
     # a table is the same on every machine
     options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")

@@ -86,7 +86,7 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the results of another configuration; choose another "
+            f"{folder}: has the results of another configuration; choose another "
             f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace "
             "them"
         )

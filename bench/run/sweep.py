@@ -74,11 +74,11 @@ class ImagingEntry(Config):
     def _alternatives(cls, sweep: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
         for key, values in sweep.items():
             if not values:
-                raise ValueError(f"'{key}' has no values; list at least one")
+                raise ValueError(f"'{key}' has no values; list at least one value")
         count = prod(map(len, sweep.values()))
         if count > MOST_TABLES:
             raise ValueError(
-                f"its lists make {count} settings; at most {MOST_TABLES}: list fewer values"
+                f"its lists make {count} settings, more than {MOST_TABLES}; list fewer values"
             )
         return sweep
 
@@ -87,8 +87,8 @@ class ImagingEntry(Config):
     def _from_one(cls, every: tuple[int, ...]) -> tuple[int, ...]:
         if not every or min(every) < 1 or max(*every, len(every)) > MOST_TABLES:
             raise ValueError(
-                f"expected a list of at most {MOST_TABLES} whole numbers from 1 (all antennas) to "
-                f"{MOST_TABLES}"
+                f"expected a list of at most {MOST_TABLES} whole numbers, each from 1 (all "
+                f"antennas) to {MOST_TABLES}"
             )
         return every
 
@@ -151,7 +151,9 @@ class SimulationKnobs(Config):
 
         for name in scenes:
             if name not in NAMED:
-                raise ValueError(f"'{name}' is no scene of fingers; {suggest(name, list(NAMED))}")
+                raise ValueError(
+                    f"'{name}' is not a scene of fingers; {suggest(name, list(NAMED))}"
+                )
         return scenes
 
 
@@ -231,7 +233,8 @@ def imaging_settings(
     names = [setting.name for setting in settings]
     if sweep.reference is not None and sweep.reference not in names:
         raise HandbenchError(
-            f"tradeoff.reference: no setting '{sweep.reference}'; known: {', '.join(names)}"
+            f"tradeoff.reference: there is no setting '{sweep.reference}'; known: "
+            f"{', '.join(names)}"
         )
     return settings
 
@@ -285,7 +288,8 @@ def _with(config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any]
     table = resolved.get(first)
     if not isinstance(table, dict):
         raise HandbenchError(
-            f"tradeoff.imaging: '{key}' leads into '{first}', which is no table of the method"
+            f"tradeoff.imaging: '{key}' is inside '{first}', which is not a table of the method; "
+            "correct the key"
         )
     return {**config, first: _with(table, ".".join(inner), value, table)}
 

@@ -71,7 +71,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     capture failed."""
     on = common_subset(outcome)
     if outcome.failures:
-        say(f"the table is made of {on.text}")
+        say(f"the table uses {on.text}")
     found = scores(outcome, on)
     table = tabulate(outcome, on, found)
     drop(folder, FILES)

@@ -94,9 +94,8 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     nearest_m = float(np.asarray(surface.vertices)[:, 2].min())
     if nearest_m <= 0:
         raise HandbenchError(
-            f"scene '{file.name}': the target reaches {-1e3 * nearest_m:.0f} mm behind the "
-            "array's plane; enlarge "
-            "target.distance_m"
+            f"scene '{file.name}': the target extends {-1e3 * nearest_m:.0f} mm behind the plane "
+            "of the array; enlarge target.distance_m"
         )
     radar_from_photo = file.mount.radar_from_photo()
     in_photo_m = radar_from_photo.inverse().points(np.asarray(surface.vertices))
@@ -114,9 +113,9 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
             box_m[0, 1] = block_m[1, 1] + BLOCK_GAP_M
     if box_m[0, 2] < 0:
         raise HandbenchError(
-            f"scene '{file.name}': the target reaches {-1e3 * lower_m[2]:.0f} mm behind the back "
-            "plate or closer than "
-            f"{1e3 * CROP_MARGIN_M:.0f} mm to it; move mount.offset_m away from the radar"
+            f"scene '{file.name}': the target extends {-1e3 * lower_m[2]:.0f} mm behind the back "
+            f"plate, or is closer than {1e3 * CROP_MARGIN_M:.0f} mm to it; change mount.offset_m "
+            "to move the back plate away from the radar"
         )
     aim_m = np.array([0.0, 0.0, file.target.distance_m])
     photos = file.photos
@@ -149,7 +148,7 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
     for path in paths:
         if not path.exists():
             raise HandbenchError(
-                f"{path}: is missing, but scene '{file.name}' names it; check the path"
+                f"{path}: is missing, although scene '{file.name}' uses it; check the path"
             )
     return paths
 

@@ -35,7 +35,8 @@ def round_cone(
     sine = (start_radius_m - end_radius_m) / length
     if abs(sine) >= 1:
         raise ValueError(
-            "round_cone: one end sphere holds the other; use a longer cone or more similar radii"
+            "round_cone: one end sphere is inside the other; use a longer cone or more similar "
+            "radii"
         )
     slope = float(sine / np.sqrt(1 - sine**2))
 

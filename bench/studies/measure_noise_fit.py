@@ -72,7 +72,8 @@ def fit(benchmark: str, wanted_mm: float, repeats: int | None) -> list[Record]:
             scenes.append(build(file.model_copy(update={"sensor": sensor, "photos": None}), base))
     if not scenes:
         raise HandbenchError(
-            f"{benchmark}: no scene measures the precision, to which the noise is fitted; add one"
+            f"{benchmark}: has no scene that measures the precision, to which the noise is "
+            "fitted; add one"
         )
     turns_per_m = 2 * abs(config.f1_hz - config.f2_hz) / SPEED_OF_LIGHT_M_S
     phase_noise_rad, found = 2 * np.pi * turns_per_m * 1e-3 * wanted_mm, []

@@ -149,7 +149,7 @@ def run(
     if not cases:
         labels = ", ".join(map(study.label, study.cases))
         raise HandbenchError(
-            f"--only: no case of '{study.name}' holds '{only}'; there are {labels}"
+            f"--only: no case of '{study.name}' has '{only}' in its name; the cases are: {labels}"
         )
     records: list[Record] = []
     failures = {}
@@ -162,7 +162,9 @@ def run(
             failures[study.label(case)] = str(error) if known else traceback.format_exc()
             say(f"{study.label(case)} failed: {failures[study.label(case)]}")
     if len(failures) == len(cases):
-        raise HandbenchError(f"every case failed; the first: {next(iter(failures.values()))}")
+        raise HandbenchError(
+            f"every case failed; the error of the first: {next(iter(failures.values()))}"
+        )
     tables = study.tables(records)
     facts = {
         "study": study.name,

@@ -62,7 +62,8 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
             break
     else:
         raise HandbenchError(
-            f"no capture has photographs, truth.ply and {TRUE_TRANSFORM}; add one, or leave it out"
+            f"no capture has photographs, truth.ply and {TRUE_TRANSFORM}, which this section "
+            "needs; add such a capture, or leave the section out"
         )
     truth, radar_from_photo, photos = (
         read_mesh(surface),

@@ -96,8 +96,8 @@ def run(
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
                 say(
-                    f"{folder}: holds this trade-off already; its figures are read, "
-                    f"{option('--overwrite', 'overwrite=True')} measures anew"
+                    f"{folder}: has this trade-off already, so its figures are used again; "
+                    f"{option('--overwrite', 'overwrite=True')} measures them again"
                 )
                 return before
         measured, facts = _measure_sections(inputs)
@@ -111,14 +111,13 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     a run."""
     if (folder / "result.json").exists():
         raise HandbenchError(
-            f"{folder}: holds the results of `handbench run`; choose another "
-            f"{option('-o', 'folder')}"
+            f"{folder}: has the results of `handbench run`; choose another {option('-o', 'folder')}"
         )
     before = folder / "config.toml"
     same = before.exists() and before.read_text("utf-8", "replace") == config
     if before.exists() and not same and not overwrite:
         raise HandbenchError(
-            f"{folder}: holds the trade-off of another configuration; choose another "
+            f"{folder}: has the trade-off of another configuration; choose another "
             f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace it"
         )
     return same
@@ -157,14 +156,16 @@ def open_inputs(bench: BenchFile, base: Path, work: Path) -> TradeoffInputs:
         job.collect(stages, job.perform(stages))
     job.find_references()
     found = job.found
-    message = f"has no {reference}, which scores the others"
+    message = f"has no {reference}, which the other settings are compared with"
     without = [name for name, files in found.references.items() if reference not in files]
     found.failures += [
         Failure(capture=name, stage="references", message=message) for name in without
     ]
     inputs = TradeoffInputs(bench, base, work, found, reference, job.targets)
     if not inputs.captures:
-        raise HandbenchError(f"every capture failed; the first: {found.failures[0].message}")
+        raise HandbenchError(
+            f"every capture failed; the error of the first: {found.failures[0].message}"
+        )
     return inputs
 
 
@@ -184,7 +185,9 @@ def _measure_sections(inputs: TradeoffInputs) -> tuple[list[MeasuredSection], di
             failed[name] = f"{type(error).__name__}: {error}"
             say(traceback.format_exc())
     if not found:
-        raise HandbenchError(f"every section failed; the first: {next(iter(failed.values()))}")
+        raise HandbenchError(
+            f"every section failed; the error of the first: {next(iter(failed.values()))}"
+        )
     facts = {key: value for one in found for key, value in one.facts.items()}
     facts |= {"step_s": inputs.sweep.step_s, "step_s_source": STEP}
     facts |= {"failed_sections": failed} if failed else {}

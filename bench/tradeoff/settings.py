@@ -240,7 +240,8 @@ def answer(
     settings = with_acquisition(settings) if count_acquisition else settings
     if not settings:
         raise HandbenchError(
-            f"{tradeoff.folder}: has no imaging settings to choose from; sweep the section imaging"
+            f"{tradeoff.folder}: has no settings of imaging to choose from; measure the section "
+            "imaging"
         )
     time_of = "frame and acquisition" if count_acquisition else "frame"
     limits = (
@@ -263,10 +264,10 @@ def answer(
         near = min(settings, key=excess)
         bound = f"up to {near.high:.3g} mm" if near.high is not None else "on these captures"
         raise HandbenchError(
-            f"no setting has {asked}; the nearest, '{near.name}', has {near.error:.3g} mm "
+            f"no setting has {asked}; the nearest is '{near.name}' with {near.error:.3g} mm "
             f"({bound}) in "
             f"{1e3 * near.seconds:.3g} ms (up to {1e3 * HEADROOM * near.seconds_high:.3g} ms); "
-            "raise the limit, or measure further settings"
+            "raise the limit, or measure more settings"
         )
     if max_error_mm is None:
         return min(fit, key=lambda s: (s.error, s.seconds)), f"the most accurate with {asked}"

@@ -82,7 +82,10 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
     for at, origin in _tables(found, "calibration", Origin):
         facts = yield from _source(found, at, origin)
         if facts is not None and facts.lacks:
-            text = f"calibration by a capture without {', '.join(facts.lacks)}; add what is missing"
+            text = (
+                f"the capture for the calibration has no {', '.join(facts.lacks)}; add what is "
+                "missing"
+            )
             yield found.problem(at, text)
     sources = list(_tables(found, "capture", Source))
     for at, dataset in _tables(found, "dataset", DataSet):
@@ -102,16 +105,16 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
             yield from found.attempt(at, partial(require_clear, name, f"capture '{name}'"))
             if name in places:
                 text = (
-                    f"capture '{name}' in {here} is named as the one in {places[name]}; give "
-                    "one another name"
+                    f"capture '{name}' in {here} has the same name as the one in {places[name]}; "
+                    "rename one of them"
                 )
                 yield found.problem(at, text)
             places.setdefault(name, here)
             scored |= {name: about} if accuracy else {}
         if accuracy and not facts.scored[calibrated]:
-            text = f"capture '{about.name}': nothing carries its surface into the radar frame"
+            text = f"capture '{about.name}': nothing transforms its surface to the radar frame"
             yield found.problem(
-                at, f"{text}; add {TRANSFORM} to it, or [calibration] to the benchmark"
+                at, f"{text}; add {TRANSFORM} to the capture, or [calibration] to the benchmark"
             )
         yield from _imaged(found, at, source, facts, methods)
     yield from _maps(found, scored, methods)
@@ -173,7 +176,9 @@ def _source(
     if path is None:
         return None
     if not path.exists() and not name.endswith(AT_EMPTY_FILTERED):
-        yield found.problem((*at, key), f"{name} is missing next to the benchmark; check the path")
+        yield found.problem(
+            (*at, key), (f"{name} is missing in the benchmark's folder; check the path")
+        )
         return None
     if key == "path":
         return (yield from capture_problems(path, scored))
@@ -200,10 +205,10 @@ def _imaged(
         repeated = "precision" in source.measures and entry.precision
         if repeated and isinstance(repeats, int) and frames < repeats:
             text = (
-                f"capture '{name}' has {frames} frames, but the precision of '{entry.id}' "
-                f"takes repeats = {repeats}"
+                f"capture '{name}' has {frames} frames, but the precision of '{entry.id}' needs "
+                f"repeats = {repeats}"
             )
-            yield found.problem(at, f"{text}; record more, or ask for fewer")
+            yield found.problem(at, f"{text}; record more frames, or set fewer repeats")
         refusal = (
             facts.refusal(entry.id, entry.config)
             if repeated or "accuracy" in source.measures
@@ -235,9 +240,9 @@ def _maps(
         if missing:
             few = ", ".join(missing[:SHOWN]) + (", …" if len(missing) > SHOWN else "")
             text = (
-                f"{entry.maps} has no depth map of {len(missing)} of {len(scored)} captures: {few}"
+                f"{entry.maps} has no depth map for {len(missing)} of {len(scored)} captures: {few}"
             )
-            yield found.problem((*at, "maps"), f"{text}; add NAME.npz for each")
+            yield found.problem((*at, "maps"), f"{text}; add a NAME.npz for each")
         for name, about in scored.items():
             if name not in missing:
                 file = files[name]

@@ -172,7 +172,7 @@ def _described(folder: Path) -> Found[CaptureFile | None]:
             continue
         path = yield from parsed.attempt(at, partial(inside, folder, name, "contains"))
         if path is not None and not path.exists():
-            yield parsed.problem(at, f"{name} is listed, but missing; copy it again")
+            yield parsed.problem(at, f"{name} is listed but missing; copy the capture again")
     if about is not None and about.distance_m is not None:
         place, far_m = parsed.at(("distance_m",)), abs(about.distance_m)
         yield from findings(place, "length", name="distance_m is", far_m=far_m, most_m=FAR_M)
@@ -285,5 +285,5 @@ def board_warnings(
             warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m})
         )
     if change := pattern_in(photos[:LOOKED_AT], board):
-        return [f"board: has another pattern in the photographs; write {change} in its description"]
+        return [(f"board: the photographs show another pattern; write {change} in the description")]
     return []

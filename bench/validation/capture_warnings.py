@@ -81,7 +81,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     found = mistakes.fit(near, surface)
     if found.covers and found.explains(as_is):
         begun = (
-            f"{depth.method} begins at {getattr(config, FIRST):g} m and misses a surface "
+            f"{depth.method} images depths from {getattr(config, FIRST):g} m, but a surface is "
             f"{start_m:.2g} m away"
         )
         yield f"{begun}: {settings({FIRST: float(f'{start_m:.2g}')})} finds it"
@@ -142,7 +142,7 @@ def _corrections(
         exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
         yield (
             "tx and rx exchanged",
-            "exchange tx_m and rx_m, or those axes of the samples",
+            "exchange tx_m and rx_m, or these axes of the samples",
             exchanged,
             1.0,
         )
@@ -151,7 +151,7 @@ def _corrections(
     in_order = replace(capture, samples=capture.samples[:, ::-1])
     yield (
         "the tones in reverse order",
-        "reverse frequencies_hz, or the samples along it",
+        "reverse frequencies_hz, or the frequency axis of the samples",
         in_order,
         1.0,
     )
@@ -165,7 +165,8 @@ def _corrections(
         scaled = replace(capture, aperture=replace(array, **places))
         yield (
             f"a path counted {once}",
-            f"it is there and back, once each; or {change} frequencies_hz",
+            f"each path must be counted there and back, once; check the samples, or {change} "
+            "frequencies_hz",
             scaled,
             scale,
         )

@@ -37,10 +37,10 @@ CROWDED_PERCENT, WIDE_M = (50, 0.1)
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
 NEAREST_M, FARTHEST_M = (0.05, 2.0)  # of cameras that photograph a hand, from the board next to it
-SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board"
+SEEN_FROM = "{photo} was taken {distance_m:.2g} m from the board, as the board's description has it"
 # of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
 SHARPER_DB = 3.0
-CURE = "is the surface in metres, and in the radar's frame? `handbench inspect` both"
+CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
 
 Facts = Mapping[str, Any]
 
@@ -65,127 +65,126 @@ CHECKS = (
         "array",
         "frequencies in GHz",
         lambda f: f["highest_hz"] < 1e3,
-        "its highest frequency is {highest_hz:g} Hz: are these gigahertz? multiply them by 1e9",
+        "its highest frequency is only {highest_hz:g} Hz; if the frequencies are in gigahertz, "
+        "multiply them by 1e9",
     ),
     Check(
         "array",
         "frequencies in MHz",
         lambda f: 1e3 <= f["highest_hz"] < 1e6,
-        "its highest frequency is {highest_hz:g} Hz: are these megahertz? multiply them by 1e6",
+        "its highest frequency is only {highest_hz:g} Hz; if the frequencies are in megahertz, "
+        "multiply them by 1e6",
     ),
     Check(
         "array",
         "positions in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "an antenna is {far_m:g} m from the origin: are its positions millimetres? multiply "
-        "them by 1e-3",
+        "an antenna is {far_m:g} m from the origin; if the positions are in millimetres, "
+        "multiply them by 1e-3",
     ),
     Check(
         "array",
         "frequencies a thousand times too high",
         lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] > HIGH_HZ,
-        "its highest frequency is {highest_hz:g} Hz: is that a thousand times too much? multiply "
-        "them by 1e-3",
+        "its highest frequency is {highest_hz:g} Hz; if that is a thousand times too high, "
+        "multiply the frequencies by 1e-3",
     ),
     Check(
         "array",
         "positions in centimetres",
         lambda f: f["waves"] > MOST_WAVELENGTHS and f["highest_hz"] <= HIGH_HZ,
-        f"the antennas span {{extent_m:g}} m, over {MOST_WAVELENGTHS:g} wavelengths: are their "
-        "positions centimetres? "
-        "multiply them by 1e-2; or inches? by 0.0254",
+        f"the antennas span {{extent_m:g}} m, over {MOST_WAVELENGTHS:g} wavelengths; if their "
+        "positions are in centimetres, multiply them by 1e-2; if in inches, by 0.0254",
     ),
     Check(
         "array",
         "frequencies in kHz, positions in kilometres",
         lambda f: 0 < f["waves"] < LEAST_WAVELENGTHS and f["places"] > FEWEST_PLACES,
-        "the antennas span {extent_m:g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz: are the "
-        "{too_small}? multiply "
-        "them by 1e3",
+        "the antennas span {extent_m:g} m, only {waves:.2g} wavelengths at {highest_hz:g} Hz; if "
+        "the {too_small}, multiply them by 1e3",
     ),
     Check(
         "array",
         "plane along z",
         lambda f: f["looks_along"],
-        "the array is in the plane of {beside} and z, so that it looks along {looks_along}: z "
-        "is to point away from "
-        "it; exchange the axes",
+        "the array is in the plane of {beside} and z, so it faces {looks_along}, but z must "
+        "point away from the array; exchange the axes",
     ),
     Check(
         "pairs",
         "pairs missing",
         lambda f: f["missing"],
-        "{missing} of its {pairs} pairs were not measured; images do without",
+        "{missing} of its {pairs} pairs of antennas were not measured; images leave these out",
     ),
     Check(
         "surface",
         "size",
         lambda f: not SMALL_M <= f["longest_m"] <= FAR_M,
-        "is {longest_m:.3g} m long; is it in metres? `handbench groundtruth --unit` carries it "
-        "over",
+        "is {longest_m:.3g} m long; if it is not in metres, convert it with `handbench "
+        "groundtruth --unit`",
     ),
     Check(
         "mesh",
         "inside out",
         lambda f: f["rim_percent"] == 0 and f["volume"] < 0,
-        "its triangles are inside out: reverse the order of each one's vertices",
+        "its triangles are inside out; reverse the order of the vertices of each triangle",
     ),
     Check(
         "mesh",
         "holes",
         lambda f: f["rim_percent"] > OPEN_PERCENT,
-        "{rim_percent:.0f} % of its edges belong to only one triangle: fill its holes, or merge "
+        "{rim_percent:.0f} % of its edges belong to only one triangle; fill its holes, or merge "
         "equal vertices",
     ),
     Check(
         "transform",
         "offset in millimetres",
         lambda f: f["offset_m"] > FAR_M,
-        "it moves by {offset_m:g} m; are these millimetres?",
+        "it moves points by {offset_m:g} m; check that its translation is in metres",
     ),
     Check(
         "transform",
         "scale",
         lambda f: not 0.5 < abs(f["scale"]) < 2,
-        "its scale is {scale:g}; are both frames in metres?",
+        "its scale is {scale:g}; check that both frames are in metres",
     ),
     Check(
         "transform",
         "inverse",
         lambda f: f["behind"],
-        "it carries all of mesh.ply behind the radar; is it the inverse?",
+        "it moves all of mesh.ply behind the radar; check that it is not the inverse transform",
     ),
     Check(
         "depth map",
         "nothing focuses",
         lambda f: f["on_target_percent"] > CROWDED_PERCENT and f["wide_m"] >= WIDE_M,
-        "{on_target_percent:.0f} % of the image is on target: does nothing focus? `handbench "
-        "inspect` the capture",
+        "{on_target_percent:.0f} % of the pixels of the image have a depth, so it may be out of "
+        "focus; check the capture with `handbench inspect`",
     ),
     Check(
         "depth map",
         "depths in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        f"depths are further than {FAR_M:g} m away: are they millimetres? multiply them by 1e-3",
+        f"depths are more than {FAR_M:g} m; if they are in millimetres, multiply them by 1e-3",
     ),
     Check(
         "depth map",
         "pixels likelier wrong than right",
         lambda f: f["flagged_percent"] > CROWDED_PERCENT,
-        f"{{flagged_percent:.0f}} % of the pixels on target are likelier wrong than right "
+        "{flagged_percent:.0f} % of the pixels with a depth are more likely wrong than right "
         f"(p_gross > {FLAGGED:g})",
     ),
     Check(
         "figures",
         "nothing before the surface",
         lambda f: f["mean_mm"] is None,
-        f"no pixel of the map is in front of or behind the surface: {CURE}",
+        f"no pixel of the depth map is in front of or behind the surface; {CURE}",
     ),
     Check(
         "figures",
         "relative accuracy",
         lambda f: f["mean_mm"] is not None and not 0 <= f["accuracy"] <= 100,
-        f"the relative accuracy is {{accuracy:.4g}} %, which is outside 0 to 100 %: {CURE}",
+        f"the relative accuracy is {{accuracy:.4g}} %, outside 0 to 100 %; {CURE}",
     ),
     Check(
         "figures",
@@ -193,7 +192,7 @@ CHECKS = (
         lambda f: (
             f["mean_mm"] is not None and 0 <= f["accuracy"] <= 100 and f["mean_mm"] > f["box_mm"]
         ),
-        f"the mean error, {{mean_mm:.3g}} mm, is longer than the depth box, {{box_mm:.3g}} mm: "
+        "the mean error, {mean_mm:.3g} mm, is larger than the depth box, {box_mm:.3g} mm; "
         f"{CURE}",
     ),
     Check(
@@ -204,7 +203,7 @@ CHECKS = (
             and 0 <= f["accuracy"] < 100 - FAR_PERCENT
             and f["mean_mm"] <= f["box_mm"]
         ),
-        f"the mean error, {{mean_mm:.3g}} mm, is more than {FAR_PERCENT} % of the distance: {CURE}",
+        f"the mean error, {{mean_mm:.3g}} mm, is more than {FAR_PERCENT} % of the distance; {CURE}",
     ),
     Check(
         "result",
@@ -213,19 +212,19 @@ CHECKS = (
             (f["metric"].startswith("relative_") and not 0 <= f["value"] <= 100)
             or (f["metric"] == "mae_mm" and f["value"] > FARTHEST_MM)
         ),
-        "{method}: {title} is {value:.4g} {unit}: `handbench inspect` the captures",
+        "{method}: {title} is {value:.4g} {unit}; check the captures with `handbench inspect`",
     ),
     Check(
         "length",
         "in millimetres",
         lambda f: f["far_m"] > f["most_m"],
-        "{name} {far_m:g} m; is that millimetres?",
+        "{name} {far_m:g} m; check that it is in metres, not millimetres",
     ),
     Check(
         "board",
         "in millimetres",
         lambda f: f["far_m"] > FAR_M,
-        "a corner is {far_m:g} m away; are these millimetres?",
+        "a corner is {far_m:g} m away; check that the positions are in metres, not millimetres",
     ),
     Check(
         "box",
@@ -240,42 +239,44 @@ CHECKS = (
         "capture",
         "target without description",
         lambda f: f["kind"] == "target" and TARGET in f["lacks"],
-        f"is a target's capture without {TARGET}; copy the target's description here",
+        f"is a capture of the calibration target without {TARGET}; copy the description of the "
+        "target to the capture",
         fails=True,
     ),
     Check(
         "reference",
         "missing",
         lambda f: not f["known"],
-        f"nothing to score against; add {PHOTOS}, {MESH} or {TRUTH}",
+        f"has no surface to compare depths with; add {PHOTOS}, {MESH} or {TRUTH}",
         fails=True,
     ),
     Check(
         "photographs",
         "no scale",
         lambda f: not f["board"] and f["posed"] < 3,
-        "nothing gives the scale; add board.toml, or poses (R, t) to cameras.json",
+        "nothing gives the scale of the photographs; add board.toml, or poses (R, t) to "
+        "cameras.json",
         fails=True,
     ),
     Check(
         "photograph of a board",
         "board too large",
         lambda f: f["distance_m"] >= FARTHEST_M,
-        f"{SEEN_FROM}: is that ten times too large? measure a marker, in metres",
+        f"{SEEN_FROM}; if that is ten times too far, measure a marker and give its side in metres",
     ),
     Check(
         "photograph of a board",
         "board too small",
         lambda f: f["distance_m"] <= NEAREST_M,
-        f"{SEEN_FROM}: is that ten times too small? measure a marker, in metres",
+        f"{SEEN_FROM}; if that is ten times too near, measure a marker and give its side in metres",
     ),
     Check(
         "echoes",
         "conjugated",
         lambda f: f["sharper_db"] >= SHARPER_DB,
-        "the echoes focus better, {sharper_db:.0f} dB sharper, conjugated: if the target stands "
-        "within {within_m:.2g} "
-        'm, conjugate the samples (sign = "+" in a mapping.toml, time = "-jwt" in echoes.h5)',
+        "the image of the conjugated echoes is {sharper_db:.0f} dB sharper; if the target is "
+        'within {within_m:.2g} m, conjugate the samples (sign = "+" in a mapping.toml, time = '
+        '"-jwt" in echoes.h5)',
     ),
 )
 
@@ -318,7 +319,7 @@ def array_warnings(capture: RadarCapture) -> Iterator[str]:
         "extent_m": float(extent_m.max()),
         "waves": float(extent_m.max()) * highest_hz / capture.wave_speed_m_s if sized else np.nan,
         "places": len(places),
-        "too_small": "frequencies kilohertz" if highest_hz < LOWEST_HZ else "positions kilometres",
+        "too_small": "frequencies are in kHz" if highest_hz < LOWEST_HZ else "positions are in km",
         "looks_along": "xy"[flat] if upright else "",
         "beside": "xy"[1 - flat] if upright else "",
     }

@@ -58,15 +58,15 @@ def show(inputs: Sequence[str], mesh: Path | None = None, transform: Path | None
         for problem in found:
             print(problem)
         if not found:
-            print(f"{name}: nothing looks wrong")
+            print(f"{name}: no problem found")
         warnings += sum(problem.warning for problem in found)
         problems += sum(not problem.warning for problem in found)
     counts = ((problems, "problem"), (warnings, "warning"), (len(inputs), "input"))
     counted = ", ".join(f"{count} {what}{'s' * (count > 1)}" for count, what in counts if count)
     if problems:
-        raise HandbenchError(f"inspect: {counted}; what is wrong is listed above")
+        raise HandbenchError(f"inspect: {counted}; correct the problems listed above")
     if warnings:
-        print(f"{counted}; fine, if meant so")
+        print(f"{counted}; correct the warnings listed above, unless they are intended")
 
 
 def inspect(
@@ -153,7 +153,9 @@ def problems_of(
         yield from attempt(path, partial(load_capture if suffix == ".h5" else _read_json, path))
     elif suffix == ".xml":
         command = f"handbench groundtruth PHOTOS --cameras {path} -o MESH.ply"
-        yield Problem(path, None, f"inspect reads no XML; {command} checks cameras of Metashape")
+        yield Problem(
+            path, None, (f"inspect does not read .xml files; {command} checks cameras of Metashape")
+        )
     else:
         yield from _description(path)
 
@@ -179,7 +181,10 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
                 facts.about is not None
                 and (other := names.setdefault(facts.about.name, folder)) != folder
             ):
-                text = f"is named '{facts.about.name}', as {other} is; no benchmark can hold both"
+                text = (
+                    f"has the name '{facts.about.name}', as {other} has, but a benchmark needs "
+                    "different names; rename one of them"
+                )
                 yield Problem(folder / DESCRIPTION, None, text, warning=True)
 
 

@@ -182,11 +182,9 @@ def best(depth: DepthMap, surface: Surface, as_is: SurfaceFit) -> tuple[float, l
         return 0.0, []
     before = f"from {as_is.median_mm:.2f} to " if np.isfinite(as_is.median_mm) else "to "
     text = (
-        f"the surface, or the antennas' positions, may be {name}: undone, the median error falls "
-        f"{before}"
-        f"{found.median_mm:.2f} mm and {100 * found.share:.0f} % of the strongest pixels are on "
-        "the surface, not "
-        f"{100 * as_is.share:.0f} %"
+        f"the surface or the antennas' positions may be {name}; after correcting this, the median "
+        f"error falls {before}{found.median_mm:.2f} mm, and {100 * found.share:.0f} % of the "
+        f"strongest pixels are on the surface, not {100 * as_is.share:.0f} %"
     )
     return found.share, [text]
 

@@ -46,12 +46,13 @@ class Side(Config):
         for name in type(self).model_fields:
             if len(getattr(self, name)) != len(self.nominal_m):
                 raise ValueError(
-                    f"'{name}' has {len(getattr(self, name))} entries; expected one for each of "
-                    "the "
-                    f"{len(self.nominal_m)} antennas of 'nominal_m'"
+                    f"'{name}' has {len(getattr(self, name))} entries, but 'nominal_m' has "
+                    f"{len(self.nominal_m)} antennas; give one entry for each antenna"
                 )
         if not any(part for gain in self.gain for part in gain):
-            raise ValueError("every gain is 0; expected an antenna that lives")
+            raise ValueError(
+                "every gain is 0, but at least one antenna must work; calibrate the array again"
+            )
         return self
 
     @property
@@ -106,17 +107,17 @@ class ArrayCalibration(Config):
         """
         if not isinstance(capture.aperture, AntennaArray):
             raise HandbenchError(
-                f"{where}: is for a MIMO array, but the capture is a planar scan or a list of pairs"
+                f"{where}: is for an antenna array (MIMO), but the capture is a planar scan or a "
+                "list of pairs; leave the calibration out"
             )
         nominal = AntennaArray(np.array(self.tx.nominal_m), np.array(self.rx.nominal_m))
         if _same(capture.aperture, self.array) and not _same(self.array, nominal):
-            raise HandbenchError(
-                f"{where}: has been applied to this capture already; apply it once"
-            )
+            raise HandbenchError(f"{where}: is already applied to this capture; apply it only once")
         if not _same(capture.aperture, nominal):
             raise HandbenchError(
-                f"{where}: is of an array of {nominal.channels} antennas in other places than the "
-                f"capture's {capture.aperture.channels}; calibrate this array"
+                f"{where}: is for an array of {nominal.channels} antennas (transmitters, "
+                "receivers) whose positions differ from the capture's array of "
+                f"{capture.aperture.channels}; calibrate the array of this capture"
             )
         f_hz = capture.frequencies_hz
         responses = (side.response(f_hz, self.reference_hz) for side in (self.tx, self.rx))
@@ -169,7 +170,8 @@ def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, s
 def _array(content: Any, where: str) -> ArrayCalibration:
     if not isinstance(content, dict):
         raise HandbenchError(
-            f"{where}: is a {type(content).__name__}; expected an array calibration (array.json)"
+            f"{where}: is a {type(content).__name__}; expected a table, the array calibration "
+            "(array.json)"
         )
     return parse(ArrayCalibration, content, where)
 

@@ -46,7 +46,8 @@ def estimate_array(
     """
     if not isinstance(capture.aperture, AntennaArray):
         raise HandbenchError(
-            f"{source}: a planar scan has no array to calibrate; expected a MIMO array's echoes"
+            f"{source}: is a planar scan, which has no antenna array to calibrate; use a capture "
+            "of a MIMO array"
         )
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
@@ -95,8 +96,8 @@ def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[
         if step @ pull < ENOUGH:
             return state, inverse
     raise HandbenchError(
-        "echoes: the array's errors do not settle; they may be too large for the target to be "
-        "seen sharply"
+        "echoes: the errors of the array were still changing after the last step; they may be too "
+        "large to focus the target"
     )
 
 

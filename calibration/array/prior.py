@@ -85,28 +85,26 @@ def check(state: State, left: float, target: Target, source: str) -> None:
     """
     if left > 1 - LEAST_EXPLAINED:
         raise HandbenchError(
-            f"{source}: the target explains {100 * (1 - left):.1f} % of its echoes' energy, "
-            "expected at least "
-            f"{100 * LEAST_EXPLAINED:.0f} %; check the target's description and that nothing "
-            "else echoes there"
+            f"{source}: the target explains only {100 * (1 - left):.1f} % of the echoes' energy; "
+            f"expected at least {100 * LEAST_EXPLAINED:.0f} %; check the description of the "
+            "target, and remove other objects from the view"
         )
     off_m = state.centres_m - place_target(target, state.centres_m)
     worst = int(np.linalg.norm(off_m, axis=1).argmax())
     if np.linalg.norm(off_m[worst]) > 2 * MOST_SIGMAS * shape_sigma_m(target):
         raise HandbenchError(
-            f"{source}: the target's element {worst + 1} is "
-            f"{1e3 * np.linalg.norm(off_m[worst]):.2f} mm from where its "
-            f"description has it, expected about {1e3 * shape_sigma_m(target):.2f} mm; measure "
-            "the target again"
+            f"{source}: element {worst + 1} of the target is "
+            f"{1e3 * np.linalg.norm(off_m[worst]):.2f} mm away from its place in the description; "
+            f"expected about {1e3 * shape_sigma_m(target):.2f} mm; measure the target again"
         )
     offsets_m = np.sqrt(
         np.mean(np.concatenate([state.tx.offset_m, state.rx.offset_m]) ** 2, axis=0)
     )
     if offsets_m.max() > MOST_SIGMAS * POSITION_SIGMA_M:
         raise HandbenchError(
-            f"{source}: the antennas would be {1e6 * offsets_m.max():.0f} µm off, expected about "
-            f"{1e6 * POSITION_SIGMA_M:.0f} µm; check the target's description, or expect larger "
-            "errors"
+            f"{source}: an antenna would have to be {1e6 * offsets_m.max():.0f} µm from its "
+            f"nominal place; expected about {1e6 * POSITION_SIGMA_M:.0f} µm; check the "
+            "description of the target"
         )
 
 
@@ -148,9 +146,8 @@ def nominal_state(capture: RadarCapture, target: Target) -> State:
     missing = [i + 1 for i in range(len(target.element)) if i not in found]
     if missing:
         raise HandbenchError(
-            f"echoes: the target's elements {', '.join(map(str, missing))} are not seen; "
-            "expected all of them to "
-            "calibrate an array: check the target's description and its place"
+            f"echoes: the elements {', '.join(map(str, missing))} of the target are not visible, "
+            "but an array calibration needs all; check the target's description and place"
         )
     seen_m = np.array([found[i].centre_m for i in range(len(target.element))])
     places_m = [leg.position_m for leg in capture.aperture.legs]

@@ -31,9 +31,12 @@ class Side:
 
 @dataclass(frozen=True)
 class Channels:
-    """The channels of a capture in the order of one tone's flattened samples: positions of their
-    transmitter and receiver tx_m, rx_m [n, 3]; moves_m [n, 3], how far a scan had moved them from
-    their mean position (0 for an array at rest); the sides whose gains multiply to a channel's."""
+    """The channels of a capture, in the order of one tone's flattened samples.
+
+    tx_m, rx_m [n, 3]: positions of each channel's transmitter and receiver, metres. moves_m [n, 3]:
+    how far a scan had moved them from their mean position; 0 for an array at rest. sides: the parts
+    of the instrument with a gain each (transmitters and receivers of an array, or the pairs of one
+    that is moved); a channel's gain is the product of its parts' gains."""
 
     tx_m: np.ndarray
     rx_m: np.ndarray

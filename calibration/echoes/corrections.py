@@ -37,9 +37,10 @@ class Corrections(Config):
     gains: tuple[tuple[tuple[Part, Part], ...], ...] = ()
 
     def applied_to(self, capture: RadarCapture, where: str) -> RadarCapture:
-        """Return a capture without the range offset, with its positions at the true steps, and with
-        its samples divided by the gains. where: the file, which a HandbenchError names if the
-        corrections are of a capture with other channels."""
+        """Return a corrected capture: its samples have no range offset and are divided by the
+        gains, and the antennas of a scan are where its true steps take them. where: the
+        file, which a HandbenchError names if the corrections are of a capture with other
+        channels."""
         channels = Channels.of(capture.aperture)
         waves = capture.frequencies_hz / capture.wave_speed_m_s
         factor = np.exp(4j * np.pi * waves * self.range_offset_m)[:, None] / self.gain(

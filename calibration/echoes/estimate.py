@@ -29,6 +29,7 @@ SEARCHED = 256  # channels by whose image points are looked for
 PROMISING = 200  # points of it that are imaged by all channels
 VIEW = 0.6  # tangent of the angle off the axis up to which points are sought
 MOST_DIRECTIONS = 101  # along x and y
+OTHER_STEPS = [(x, y) for x in (0.94, 1.0, 1.06) for y in (0.94, 1.0, 1.06) if (x, y) != (1, 1)]
 SOME_STEPS, MOST_STEPS = 8, 60  # of a fit while points are added, and of the last one
 CHANCE = 6.0  # a peak that noise shows with a probability of exp(−6) is a point
 NEAREST_M, BEHIND_M = 0.05, 0.6  # depths searched: from there to so far behind the apparent range
@@ -182,22 +183,49 @@ def _start_depths_m(model: PointModel, range_m: float) -> np.ndarray:
 def _with_points(model: PointModel, start: Points) -> tuple[Fit, bool]:
     """Add the strongest point of what the earlier ones leave unexplained, and fit all, until only
     noise is left or there are MOST_POINTS: (last fit, whether noise is left)."""
-    points, fitted = start, model
+    points = start
     for count in track(range(MOST_POINTS), "fitting points"):
         found = _strongest(model, model.residual(points), points)
         if found is None:
             break
-        # one point alone cannot tell the offset and the steps apart: the steps wait for a second
-        alone = count == 0 and "range_offset" in model.unknown
-        fitted = replace(model, unknown=model.unknown - {"scan_step"}) if alone else model
-        points = fitted.fit(points.with_point(*found), SOME_STEPS).points
+        points = _best(model, points.with_point(*found), several=count < 2)
     if not len(points.echoes):
         raise HandbenchError(
             "echoes: none stands out from the noise; put a small bright target, such as a metal "
             "ball or a corner, before the antennas"
         )
-    fit = model.fit(points, MOST_STEPS)
-    return fit, _strongest(model, model.residual(fit.points), fit.points) is None
+    # points that were needed on the way to the values may not be needed with them
+    for count in range(1, len(points.echoes) + 1):
+        fit = model.fit(_best(model, points.strongest(count), several=True), MOST_STEPS)
+        if _strongest(model, model.residual(fit.points), fit.points) is None:
+            return fit, True
+    return fit, False
+
+
+def _best(model: PointModel, points: Points, several: bool) -> Points:
+    """Fit all unknowns; if offset and steps are both unknown and `several` is True, from several
+    steps, since the fit may end beside the best values: the values that leave the least."""
+    starts = [points]
+    if several and {"range_offset", "scan_step"} <= model.unknown:
+        starts += [_with_steps(points, model, np.array(steps)) for steps in OTHER_STEPS]
+    fits = [model.fit(start, SOME_STEPS) for start in starts]
+    return min(fits, key=lambda fit: fit.noise).points
+
+
+def _with_steps(points: Points, model: PointModel, factors: np.ndarray) -> Points:
+    """Return values with the scan's steps multiplied by factors [2] and points moved so that paths
+    bend as before and are as long: z grows with the square of the steps, tangents of the directions
+    shrink with them, and the range offset takes up the rest."""
+    centre_m = _centre_m(model)
+    away_m = points.place_m - centre_m
+    range_m = np.linalg.norm(away_m, axis=1)
+    towards = away_m / range_m[:, None]
+    towards[:, :2] /= factors
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    offset_m = float(range_m[0] * (1 - factors.prod()))
+    place_m = centre_m + towards * (range_m - offset_m)[:, None]
+    steps = (1 + points.steps) * factors - 1
+    return replace(points, offset_m=points.offset_m + offset_m, steps=steps, place_m=place_m)
 
 
 def _strongest(

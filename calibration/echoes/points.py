@@ -48,6 +48,11 @@ class Points:
         places_m = np.concatenate([self.place_m, place_m[None]])
         return replace(self, place_m=places_m, echoes=np.append(self.echoes, echo))
 
+    def strongest(self, count: int) -> Points:
+        """Return the same with the `count` strongest points only."""
+        kept = np.argsort(-np.abs(self.echoes), kind="stable")[:count]
+        return replace(self, place_m=self.place_m[kept], echoes=self.echoes[kept])
+
 
 @dataclass(frozen=True)
 class Fit:

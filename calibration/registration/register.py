@@ -100,8 +100,8 @@ def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None =
     residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
     for i in np.flatnonzero(~kept):
         say(
-            f"registration: {pairs.names[i]} lies {1e3 * residuals_m[i]:.3g} mm off where the "
-            "others agree; left out"
+            f"registration: {pairs.names[i]} is {1e3 * residuals_m[i]:.3g} mm away from where the "
+            "other elements place it, and is left out"
         )
     covariance = found.covariance_about_origin()
     if common_m2 is not None:
@@ -191,9 +191,8 @@ def motion(
     if one is None or other is None or len(one) != len(other):
         sizes = [0 if covariance is None else len(covariance) for covariance in (one, other)]
         raise HandbenchError(
-            f"{names[0]} and {names[1]}: their covariances are of sizes {sizes[0]} and "
-            f"{sizes[1]}; expected 6 and 6, "
-            "or 7 and 7 with scale: calibrate both with the same options"
+            f"{names[0]}, {names[1]}: their covariances have the sizes {sizes[0]} and {sizes[1]}; "
+            "expected 6 and 6, or 7 and 7 with a scale; calibrate both with the same options"
         )
     covariance = one + other
     if common_m2 is not None:
@@ -202,8 +201,8 @@ def motion(
     covariance = carry @ covariance @ carry.T
     if np.linalg.eigvalsh(covariance)[0] <= 0:
         raise HandbenchError(
-            f"{names[0]} and {names[1]}: their covariances do not hold the common error given; "
-            "expected both with it"
+            f"{names[0]}, {names[1]}: their covariances do not include the common error that is "
+            "given; calibrate both again, with the same target"
         )
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
@@ -258,4 +257,6 @@ def require_no_motion(transforms: Sequence[Transform], names: Sequence[str]) -> 
     motions = [motion(first, second, names=(a, b)) for (first, a), (second, b) in every_two]
     worst = min(motions, key=lambda m: m.probability, default=None)
     if worst is not None and worst.probability < FALSE_ALARM / len(motions):
-        raise HandbenchError(f"{worst.sentence}; use the captures on one side of the move alone")
+        raise HandbenchError(
+            f"{worst.sentence}; use only the captures before or only those after the move"
+        )

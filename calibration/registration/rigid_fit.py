@@ -64,8 +64,9 @@ class Pairs:
         that are not positive definite."""
         if len(source) != len(target) or len(source) < 3:
             raise HandbenchError(
-                f"target: photographs and echoes share {min(len(source), len(target))} elements; "
-                "expected 3 or more"
+                f"target: only {min(len(source), len(target))} elements are found both in the "
+                "photographs and in the echoes; expected 3 or more; check that all elements are "
+                "in view"
             )
         names = tuple(names) or tuple(f"pair {i + 1}" for i in range(len(source)))
         source_m, target_m = (
@@ -80,9 +81,8 @@ class Pairs:
                 or np.linalg.eigvalsh(numbers[2] + numbers[3])[0] <= 0
             ):
                 raise HandbenchError(
-                    f"{name}: its centre or covariance is not finite, or its covariance not "
-                    "positive; expected metres "
-                    "and a positive 3×3 matrix in square metres"
+                    f"{name}: the centre or its covariance is not finite, or the covariance is "
+                    "not positive; expected metres and a positive 3×3 matrix in square metres"
                 )
         return cls(source_m, target_m, source_m2, target_m2, names)
 
@@ -226,9 +226,8 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         return (np.linalg.solve(normal / np.outer(root, root), right).T / root).T
     except np.linalg.LinAlgError as error:
         raise HandbenchError(
-            "target: its pairs of centres contradict one another so far that no transform can be "
-            "fitted to them; check "
-            "the matching and the covariances"
+            "target: the centres found in the photographs and in the echoes disagree so far that "
+            "no transform fits; check the matching and the covariances"
         ) from error
 
 
@@ -252,8 +251,8 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
         )
     if mirrored > agree:
         raise HandbenchError(
-            f"target: {mirrored} of {len(pairs)} pairs of centres fit the target's mirror image, "
-            f"{agree} fit the target; check that both frames are right-handed"
+            f"target: {mirrored} of {len(pairs)} pairs of centres fit a mirror image of the "
+            f"target and only {agree} fit the target; check that both frames are right-handed"
         )
     if agree == 0:
         residuals_mm = 1e3 * np.linalg.norm(pairs.offsets(found.matrix), axis=1)
@@ -262,11 +261,10 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
             for name, mm in list(zip(pairs.names, residuals_mm, strict=True))[:12]
         )
         raise HandbenchError(
-            f"target: its {len(pairs)} pairs of centres contradict one another by more than "
-            f"{GROSS:g} standard "
-            f"deviations (residuals in mm: {shown}); expected that {LEAST} or more agree, and "
-            f"{MAJORITY:.0%}; check "
-            "the matching and that the target stood still, or record it again"
+            f"target: its {len(pairs)} pairs of centres disagree by more than {GROSS:g} standard "
+            f"deviations (residuals in mm: {shown}); expected at least {LEAST} pairs and "
+            f"{MAJORITY:.0%} to agree; check the matching and that the target stood still, or "
+            "record it again"
         )
     require_condition(pairs[kept], with_scale)
     return kept, found
@@ -278,10 +276,9 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
     condition = pairs.condition(with_scale)
     if condition > CONDITION:
         raise HandbenchError(
-            f"target: the {len(pairs)} common elements lie on a line, so that the rotation about "
-            "it stays open "
-            f"(condition number {condition:.3g}, expected at most {CONDITION:g}); use elements "
-            "that span a plane"
+            f"target: its {len(pairs)} common elements are on a line (condition number "
+            f"{condition:.3g}, expected at most {CONDITION:g}), so the rotation about this line "
+            "is unknown; use elements that span a plane"
         )
 
 

@@ -54,10 +54,10 @@ def fit_balls(
         least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
         if not apart_m >= least_m:
             raise HandbenchError(
-                f"echoes: balls {i + 1} and {j + 1} would overlap, {1e3 * apart_m:.3g} mm apart; "
-                "expected at least "
-                f"their radii, {1e3 * least_m:.3g} mm; check the target's description, and what "
-                "else is in view"
+                f"echoes: balls {i + 1} and {j + 1} would overlap, since their centres are "
+                f"{1e3 * apart_m:.3g} mm apart; expected at least the sum of their radii, "
+                f"{1e3 * least_m:.3g} mm; check the description of the target, and remove other "
+                "objects from the view"
             )
     try:
         centres_m, inverse, rest = _settle(
@@ -65,9 +65,8 @@ def fit_balls(
         )
     except LinAlgError as error:
         raise HandbenchError(
-            f"echoes: those of balls {', '.join(str(i + 1) for i in balls)} are not "
-            "distinguishable, or missing; expected an echo of each; check what is in view, or "
-            "record it again"
+            f"echoes: the echoes of balls {', '.join(str(i + 1) for i in balls)} are missing or "
+            "cannot be distinguished; check that all balls are in view, or record the target again"
         ) from error
     fitted, white = {}, float(np.mean(np.abs(rest) ** 2))
     for n, (i, centre_m) in enumerate(centres_m.items()):
@@ -75,9 +74,8 @@ def fit_balls(
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
                 f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; "
-                "expected less than "
-                f"{1e3 * FARTHEST_M:.0f} mm; check radii and foam in the target's description, "
-                "and what else is in view"
+                f"expected less than {1e3 * FARTHEST_M:.0f} mm; check the radii and the foam in "
+                "the description of the target, and remove other objects from the view"
             )
         place = slice(7 * n + 2, 7 * n + 5)
         # Power per sample of white noise whose image around the ball is as bright as the

@@ -125,17 +125,16 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
     found = assignments(candidates[:MAX_CANDIDATES], target)
     if not found or len(found[0]) < needed:
         raise HandbenchError(
-            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} detections match the "
-            f"target's elements; expected at least {needed} of {len(target.element)}; check the "
-            "target's description, the scale, and that every element is in view"
+            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} detections match "
+            f"elements of the target; expected at least {needed} of {len(target.element)}; check "
+            "the description of the target, the scale, and that all elements are in view"
         )
     best = found[0]
     if len(found) > 1:
         seen = ", ".join(str(element + 1) for element in sorted(best))
         raise HandbenchError(
-            f"{sensor}: the target's elements {seen} can be matched in {len(found)} ways; use a "
-            "target without "
-            "symmetry and make sure that the element that breaks it is seen"
+            f"{sensor}: the elements {seen} of the target can be matched in {len(found)} ways; "
+            "use a target without symmetry, and check that all its elements are in view"
         )
     return {element: candidates[candidate] for element, candidate in best.items()}
 

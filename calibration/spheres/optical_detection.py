@@ -297,8 +297,9 @@ def _check(points_m: np.ndarray, normals: np.ndarray | None) -> None:
             "metres"
         )
     if not np.isfinite(points_m).all():
-        raise HandbenchError("points_m: holds NaN or infinite numbers; remove those points first")
+        raise HandbenchError("points_m: has NaN or infinite numbers; remove these points first")
     if normals is not None and (normals.shape != points_m.shape or not np.isfinite(normals).all()):
         raise HandbenchError(
-            f"normals: expected finite numbers of shape {points_m.shape}, got {normals.shape}"
+            f"normals: have shape {normals.shape} or NaN or infinite values; expected finite "
+            f"numbers of shape {points_m.shape}"
         )

@@ -92,10 +92,9 @@ def find_balls(
     spacing_hz = np.diff(np.sort(frequencies_hz)).max(initial=0.0) or np.inf
     if SPEED_OF_LIGHT_M_S / (2 * spacing_hz) < depth_m:
         raise HandbenchError(
-            f"capture: its {len(frequencies_hz)} tones leave the range open beyond "
-            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, less than the "
-            f"{1e3 * depth_m:.0f} mm searched; "
-            "record the target with a sweep of finer steps"
+            f"capture: its {len(frequencies_hz)} tones are ambiguous in range beyond "
+            f"{1e3 * SPEED_OF_LIGHT_M_S / (2 * spacing_hz):.0f} mm, but the search needs "
+            f"{1e3 * depth_m:.0f} mm; record the target with a smaller step between tones"
         )
     seeds_m = coarse_peaks(samples, frequencies_hz, array, search)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
@@ -117,18 +116,18 @@ def mimo_array(capture: RadarCapture) -> AntennaArray:
     array = capture.aperture
     if not isinstance(array, AntennaArray):
         raise HandbenchError(
-            "capture: a planar scan cannot see the calibration target; expected a MIMO array's "
-            "echoes"
+            "capture: is a planar scan, which cannot be calibrated with a target; use echoes of a "
+            "MIMO array"
         )
     if array.measured is not None:
         raise HandbenchError(
-            "capture: lacks pairs of a transmitter and a receiver; record the calibration target "
-            "with all pairs"
+            "capture: some pairs of a transmitter and a receiver were not measured; record the "
+            "calibration target with all pairs"
         )
     if capture.wave_speed_m_s != SPEED_OF_LIGHT_M_S:
         raise HandbenchError(
-            f"capture: wave_speed_m_s is {capture.wave_speed_m_s:g}, that of a medium; record the "
-            "calibration target in air"
+            f"capture: wave_speed_m_s is {capture.wave_speed_m_s:g} m/s, which is not that of air; "
+            "record the calibration target in air"
         )
     return array
 

@@ -42,7 +42,8 @@ class Charuco(Config):
     def _fits(self) -> "Charuco":
         if self.marker_m >= self.square_m:
             raise ValueError(
-                f"marker_m is {self.marker_m}; a marker is smaller than its square, {self.square_m}"
+                f"marker_m is {self.marker_m} but square_m is {self.square_m}; a marker must be "
+                "smaller than the square around it"
             )
         return self
 
@@ -62,8 +63,8 @@ class Charuco(Config):
         needed, there = self.columns * self.rows // 2, len(dictionary.bytesList)
         if needed > there:
             raise HandbenchError(
-                f"board: charuco has {needed} markers, the dictionary '{self.dictionary}' "
-                f"{there}; use a larger one"
+                f"board: its charuco part needs {needed} markers, but the dictionary "
+                f"'{self.dictionary}' has {there}; use a larger dictionary"
             )
         board = cv2.aruco.CharucoBoard(
             (self.columns, self.rows), self.square_m, self.marker_m, dictionary
@@ -87,20 +88,20 @@ class Board(Config):
     @classmethod
     def _ids_differ(cls, markers: tuple[Marker, ...]) -> tuple[Marker, ...]:
         if len({marker.id for marker in markers}) < len(markers):
-            raise ValueError("two markers have the same id")
+            raise ValueError("two markers have the same id; give each its own")
         return markers
 
     @model_validator(mode="after")
     def _names_something(self) -> "Board":
         if not self.marker and self.charuco is None:
-            raise ValueError("names neither a [[marker]] nor a [charuco] board")
+            raise ValueError("the board has no marker; add a [[marker]] or a [charuco]")
         if self.charuco is not None and self.charuco.dictionary == self.dictionary:
             taken = [
                 m.id for m in self.marker if m.id < self.charuco.columns * self.charuco.rows // 2
             ]
             if taken:
                 raise ValueError(
-                    f"marker {taken[0]} is in the charuco board too; use other ids or another "
+                    f"marker {taken[0]} is also in the charuco board; use other ids, or another "
                     "dictionary"
                 )
         return self
@@ -137,7 +138,7 @@ def cv_dictionary(name: str) -> Any:
     number = getattr(cv2.aruco, name, None)
     if not name.startswith("DICT_") or number is None:
         raise HandbenchError(
-            f"board: unknown dictionary '{name}'; use one of OpenCV's, as DICT_4X4_50"
+            f"board: the dictionary '{name}' is unknown; use one of OpenCV's, such as DICT_4X4_50"
         )
     return cv2.aruco.getPredefinedDictionary(number)
 

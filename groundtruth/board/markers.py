@@ -97,10 +97,12 @@ def require_board(
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
         change = pattern_in(photos, board)
-        advice = f"write {change} in its description" if change else _markers_in(photos, board)
+        advice = (
+            (f"write {change} in the board's description") if change else _markers_in(photos, board)
+        )
         raise HandbenchError(
             f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
-            f"photographs, each at most once; some must be in two: {advice}"
+            f"photographs, but none in two of them; {advice}"
         )
     return seen
 
@@ -135,12 +137,15 @@ def _markers_in(photos: Sequence[Photo], board: Board) -> str:
         _, ids, _ = detector.detectMarkers((photo.gray() * 255).round().astype(np.uint8))
         seen |= set() if ids is None else set(map(int, ids.ravel()))
     if not seen:
-        return "check dictionary, ids, focus"
+        return (
+            "check dictionary and ids in the board's description, and the focus of the photographs"
+        )
     known = {marker.id for marker in board.marker}
     known |= set(board.charuco.cv_board().getIds().ravel().tolist()) if board.charuco else set()
     return (
-        f"the photographs show {len(seen)} markers, {min(seen)} to {max(seen)}, and the board has "
-        f"{len(known)}, {min(known)} to {max(known)}: check columns, rows, ids"
+        f"the photographs show {len(seen)} markers, {min(seen)} to {max(seen)}, and the board's "
+        f"description has {len(known)}, {min(known)} to {max(known)}: check its columns, rows and "
+        "ids"
     )
 
 

@@ -48,8 +48,8 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
         known = cameras_in(read_model(path))
         if not metric:
             say(
-                f"{path}: COLMAP's poses have no unit, the intrinsics alone are used; "
-                f"{option('--metric', 'metric=True')} if they are metres"
+                f"{path}: COLMAP's camera poses have no unit, so only the intrinsics are used; if "
+                f"the poses are in metres, give {option('--metric', 'metric=True')}"
             )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:
@@ -60,7 +60,8 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
     for photo, camera in _pairs(photos, known, path):
         if camera is None:
             raise HandbenchError(
-                f"{path}: has no camera for {photo.name}; add one, or remove the photograph"
+                f"{path}: has no camera for the photograph {photo.name}; add one, or remove the "
+                "photograph"
             )
         if sides_swapped(photo, camera.width, camera.height):
             camera = stored_camera(photo, camera)
@@ -81,7 +82,8 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
     images = registered_images(model)
     if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
         raise HandbenchError(
-            f"{folder}: has rigs of several cameras; expected single ones: export it without rigs"
+            f"{folder}: has rigs of several cameras; expected single cameras; export the model "
+            "again without rigs"
         )
     empty = not model.num_points3D()
     photo_of = {
@@ -97,17 +99,16 @@ def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruct
             why = (
                 "is not among the photographs"
                 if photo is None
-                else f"sees {image.num_points3D} points only"
+                else f"sees only {image.num_points3D} points"
             )
-            say(f"{folder}: {image.name} {why}; left out")
+            say(f"{folder}: {image.name} {why}, so it is left out")
             model.deregister_frame(image.frame_id)
         else:
             image.name = photo.name
     if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{folder}: holds {len(registered_images(model))} of the {len(photos)} photographs; "
-            f"expected at least {FEWEST}, "
-            "by the same names"
+            f"{folder}: has cameras for {len(registered_images(model))} of the {len(photos)} "
+            f"photographs; expected at least {FEWEST}, with the same file names"
         )
     return model
 
@@ -139,7 +140,7 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     )
     if broken or any(min(c.width, c.height) == 0 or c.has_bogus_params(*PLAUSIBLE) for c in lenses):
         raise HandbenchError(
-            f"{folder}: its cameras, poses or points are no sensible numbers; make the model again"
+            f"{folder}: its cameras, poses or points have impossible values; make the model again"
         )
     return model
 
@@ -199,9 +200,9 @@ def stored_camera(photo: Photo, camera: Camera) -> Camera:
     names = [name.strip() for name in camera.colmap().params_info.split(",")]
     if not TURNABLE.issuperset(names):
         raise HandbenchError(
-            f"camera {camera.name}: is of the upright picture, and the model {camera.model} "
-            "cannot be turned; "
-            "calibrate at the stored pixels, without EXIF orientation"
+            f"camera {camera.name}: is calibrated for the upright picture, but its model "
+            f"{camera.model} cannot be rotated to the stored pixels; calibrate with pictures "
+            "without EXIF orientation"
         )
     back = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     for _ in range(QUARTER_TURNS[photo.orientation]):
@@ -245,8 +246,8 @@ def _pairs(
         found = next(filter(None, same), [None])
         if len(found) > 1:
             raise HandbenchError(
-                f"{where}: {' and '.join(n.name for n in found)} may both be {photo.name}; "
-                "rename one"
+                f"{where}: {' and '.join(n.name for n in found)} may both be the photograph "
+                f"{photo.name}; rename one of them"
             )
         pairs.append((photo, found[0]))
     return pairs
@@ -254,16 +255,15 @@ def _pairs(
 
 def _require_size(photo: Photo, width: int, height: int, where: Path) -> None:
     if (width, height) != (photo.width, photo.height):
-        cure = "use what was made from these very files"
+        cure = "use cameras made from exactly these files"
         if (height, width) == (photo.width, photo.height):
             cure = (
-                "exchange width and height, and with them what else is exchanged: fx and fy, "
-                "cx and cy"
+                "if the camera is rotated by 90°, exchange width and height, fx and fy, and cx "
+                "and cy"
             )
         raise HandbenchError(
-            f"{where}: {photo.name} is {width} × {height} there, the photograph has "
-            f"{photo.width} × {photo.height} "
-            f"pixels; {cure}"
+            f"{where}: the camera of {photo.name} is for {width} × {height} pixels, but the "
+            f"photograph has {photo.width} × {photo.height}; {cure}"
         )
 
 
@@ -283,9 +283,8 @@ def check_model(folder: Path) -> None:
             end = -1
         if end != len(content):
             raise HandbenchError(
-                f"{folder}: is not readable as a COLMAP model ({file.name}: its {len(content)} "
-                "bytes are not what it "
-                "counts); copy it again"
+                f"{folder}: is not readable as a COLMAP model (the length of {file.name}, "
+                f"{len(content)} bytes, does not fit its contents); copy it again"
             )
 
 
@@ -296,7 +295,7 @@ def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
     try:
         check_model(folder)
     except HandbenchError as error:
-        raise OSError("COLMAP's model was cut short; is there space left on the disk?") from error
+        raise OSError("COLMAP's model was cut short; check that the disk has free space") from error
 
 
 def _length(content: bytes, kind: str) -> int:
@@ -328,7 +327,7 @@ def _length(content: bytes, kind: str) -> int:
             case "frames":
                 end += 68 + 16 * number("<I", end + 64)
         if end > len(content):
-            raise ValueError("cut short")
+            raise ValueError("the file is cut short")
     return end
 
 

@@ -70,7 +70,7 @@ class Camera(Config):
             R = np.array(rows)
             small = R.shape == (3, 3) and np.abs(R).max() < 2  # larger numbers might overflow
             if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
-                raise ValueError("not a rotation matrix (3×3, orthonormal, no reflection)")
+                raise ValueError("R is not a rotation matrix (3×3, orthonormal, no reflection)")
         return rows
 
     @property
@@ -114,8 +114,8 @@ class Camera(Config):
         if camera is None or not camera.verify_params():
             raise HandbenchError(
                 f"camera {self.name}: COLMAP has no model '{self.model}' with {len(self.params)} "
-                "parameters; use one "
-                "of its models, as OPENCV with fx, fy, cx, cy, k1, k2, p1, p2"
+                "parameters; use one that it has, such as OPENCV with fx, fy, cx, cy, k1, k2, p1, "
+                "p2"
             )
         return camera
 
@@ -153,7 +153,7 @@ class CameraFile(Config):
     @classmethod
     def _names_differ(cls, cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
         if len({camera.name for camera in cameras}) < len(cameras):
-            raise ValueError("two cameras have the same name")
+            raise ValueError("two cameras have the same name; rename one of them")
         return cameras
 
 
@@ -180,7 +180,7 @@ def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
     """Return the pycolmap camera of an image of a COLMAP model. Raises ValueError if the image
     belongs to no model."""
     if image.camera is None:
-        raise ValueError(f"{image.name} is in no model")
+        raise ValueError(f"{image.name} is in no COLMAP model")
     return image.camera
 
 
@@ -188,5 +188,5 @@ def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
     """Set the pose (from world to camera) of an image in a COLMAP model. Raises ValueError if the
     image belongs to no model."""
     if image.frame is None:
-        raise ValueError(f"{image.name} is in no model")
+        raise ValueError(f"{image.name} is in no COLMAP model")
     image.frame.set_cam_from_world(image.camera_id, pose)

@@ -51,8 +51,8 @@ def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> t
     chunks = [c for c in root.iterfind("chunk") if c.find("cameras//camera") is not None]
     if root.tag != "document" or len(chunks) != 1:
         raise HandbenchError(
-            f"{path}: has {len(chunks)} Metashape chunks with cameras; expected one: export its "
-            "cameras again"
+            f"{path}: has {len(chunks)} Metashape chunks with cameras; expected exactly one; "
+            "export the cameras of one chunk"
         )
     try:
         sensors = {_id(s, "id"): s for s in chunks[0].iterfind("sensors/sensor")}
@@ -67,7 +67,7 @@ def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> t
         )
     except (ValueError, KeyError, TypeError) as error:
         raise HandbenchError(
-            f"{path}: is no cameras file of Metashape ({error}); export the cameras again"
+            f"{path}: is not a cameras file of Metashape ({error}); export the cameras again"
         ) from error
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {error}") from error
@@ -94,7 +94,7 @@ def _parse(path: str | Path) -> ElementTree.Element:
     try:
         text = read_text(path, "cameras exported by Metashape", XML_BYTES)
         if "<!DOCTYPE" in text.upper():
-            raise ValueError("it holds a DOCTYPE")
+            raise ValueError("it has a DOCTYPE")
         if text.count("<") + text.count("=") > MOST_ELEMENTS:
             raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
         return ElementTree.fromstring(text)
@@ -135,7 +135,8 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
         "frame"
     }:
         raise HandbenchError(
-            f"camera {label}: has no calibration of type 'frame'; handbench reads no other"
+            f"camera {label}: has no calibration of type 'frame', the only one that handbench "
+            "reads; calibrate it as a frame camera"
         )
     if max(len(sensor), len(calibration)) > MOST_PARTS:  # each camera goes through them
         raise ValueError(f"a sensor has more than {MOST_PARTS} parts")
@@ -149,9 +150,9 @@ def _intrinsics(sensor: ElementTree.Element, label: str) -> tuple[int, int, tupl
     skew_px = abs(value.get("b2", 0)) * height / 2 / value["f"] if value["f"] else np.inf
     if unknown or skew_px > SMALLEST_SKEW_PX:
         raise HandbenchError(
-            f"camera {label}: has {' and '.join(unknown) or 'b2'}, which no lens model of COLMAP "
-            "has; optimise the "
-            f"cameras in Metashape with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
+            f"camera {label}: has {' and '.join(unknown) or 'b2'}, for which COLMAP has no lens "
+            "model; optimise the cameras in Metashape with f, cx, cy, k1, k2, k3, p1, p2 (and b1) "
+            "only"
         )
     f, cx, cy, k1, k2, k3, p1, p2, b1 = (
         value.get(name, 0.0) for name in ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2", "b1")
@@ -178,7 +179,9 @@ def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
     Raises ValueError if there are more or fewer, or if one is too large or not finite."""
     values = np.array([float(word) for word in (element.findtext(path) or "").split()])
     if len(values) != count or not (np.abs(values) < LARGEST).all():
-        raise ValueError(f"{path} has {len(values)} numbers, expected {count} below {LARGEST:g}")
+        raise ValueError(
+            f"{path} has {len(values)} numbers; expected {count} numbers below {LARGEST:g}"
+        )
     return values
 
 

@@ -50,7 +50,7 @@ TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failur
 
 def _instead() -> str:
     cpu = option("--dense cpu", 'dense="cpu"')
-    return f"{cpu}, or an empty CUDA_VISIBLE_DEVICES, does without"
+    return f"{cpu}, or an empty CUDA_VISIBLE_DEVICES, uses the processor instead"
 
 
 def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
@@ -129,9 +129,9 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
     head = f"{w}&{h}&{channels}&".encode()
     if not content.startswith(head) or len(content) != len(head) + 4 * h * w * channels:
         raise HandbenchError(
-            f"{file.parent.name}/{file.name}: is missing or broken ({len(content)} bytes; "
-            f"expected {channels} channels "
-            f"of {w} × {h}), COLMAP did not finish; is there memory and disk left? {_instead()}"
+            f"{file.parent.name}/{file.name}: is missing or has {len(content)} bytes that are not "
+            f"{channels} channels of {w} × {h} pixels, because COLMAP did not finish; free memory "
+            f"and disk space, or use the processor: {_instead()}"
         )
     return np.moveaxis(
         np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1
@@ -158,7 +158,9 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
             if any(word in line for word in TELLING)
         ]
         reason = messages[-1] if messages else f"exit code {done.returncode}"
-        raise HandbenchError(f"COLMAP's stereo failed on the CUDA device ({reason}); {_instead()}")
+        raise HandbenchError(
+            f"COLMAP's stereo search failed on the CUDA device ({reason}); {_instead()}"
+        )
 
 
 def _depth_map(

@@ -93,10 +93,9 @@ def open_views(
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(
-            f"box_m: {len(showing)} of the {len(views)} registered photographs show the box, "
-            f"{FEWEST_VIEWS} are "
-            "needed; it is in metres in the frame of the board (or of the camera poses): check "
-            "its numbers"
+            f"box_m: only {len(showing)} of the {len(views)} registered photographs show this "
+            f"box; expected at least {FEWEST_VIEWS}; check its numbers, which are metres in the "
+            "frame of the board (or of the camera poses)"
         )
     shown = [view for view in views if view is not None]
     return shown, choose_sources(shown, tracks[:, showing], points_m)

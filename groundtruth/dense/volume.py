@@ -266,7 +266,7 @@ def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
     shares = near.sum(axis=1) / max(len(points_m), 1)
     for side, axis in zip(*np.nonzero(shares > CUT), strict=True):
         say(
-            f"volume: {shares[side, axis]:.1%} of the points are at its side {'xyz'[axis]} = "
-            f"{box_m[side, axis]:.3f}, and the surface may continue there; set a larger "
+            f"volume: {shares[side, axis]:.1%} of the points are at the side {'xyz'[axis]} = "
+            f"{box_m[side, axis]:.3f} m of the box, so it may cut the surface; give a larger "
             f"{option('--box', 'box_m')}"
         )

@@ -120,9 +120,8 @@ def _cast(
     spans_m = np.ptp(used_m, axis=0)
     if (spans_m > LARGEST_M).any():
         raise HandbenchError(
-            f"mesh: spans {_by(spans_m)} m in the radar's frame; expected at most "
-            f"{_by(LARGEST_M)} m: is it in "
-            "millimetres? `handbench groundtruth --unit` carries it over"
+            f"mesh: its size is {_by(spans_m)} m; expected at most {_by(LARGEST_M)} m; if it is "
+            "in millimetres, convert it with `handbench groundtruth --unit mm`"
         )
     # In single precision, coordinates are relative to the middle of the grid and the front of the
     # mesh.

@@ -62,8 +62,8 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
     longest_m = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
     if not SMALLEST_M < longest_m < LONGEST_M:
         raise HandbenchError(
-            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m: is "
-            "--unit right?"
+            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m; "
+            "check --unit"
         )
     if surface.is_orientable():
         surface.orient_triangles()
@@ -97,20 +97,24 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
     readers = {".ply": (read_ply, 8), ".obj": (_read_obj, 12), ".stl": (_read_stl, 6)}
     if path.suffix.lower() not in readers:
         raise HandbenchError(
-            f"{path}: is no {', '.join(readers)} file; convert the mesh to one of them"
+            f"{path}: is not a {', '.join(readers)} file; convert the mesh to one of these formats"
         )
     # the memory that reading takes, over the file's size
     read, times = readers[path.suffix.lower()]
-    require_free(times * path.stat().st_size, str(path), "end other programs, or simplify the mesh")
+    require_free(
+        times * path.stat().st_size, str(path), ("close other programs, or simplify the mesh")
+    )
     require_size(path, "a triangle mesh", MESH_BYTES)
     try:
         columns, polygons = read(path)
     except ValueError as error:
         raise HandbenchError(
-            f"{path}: holds no triangles to read: {error}; copy or export it again"
+            f"{path}: has no triangles that can be read: {error}; copy or export it again"
         ) from None
     except (OSError, MemoryError) as error:
-        reason = getattr(error, "strerror", None) or "too large for this machine's memory"
+        reason = getattr(error, "strerror", None) or (
+            "the mesh is too large for the memory of this machine"
+        )
         raise HandbenchError(f"{path}: cannot be read ({reason}); check the file") from None
     vertices_m = np.stack([columns.pop(axis) for axis in "xyz"], axis=1).astype(np.float64)
     _check(path, vertices_m, polygons)
@@ -120,7 +124,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         raise HandbenchError(f"{path}: {error}") from None
     if len(faces) > MOST:
         raise HandbenchError(
-            f"{path}: has {len(faces)} triangles; at most {MOST} are read: simplify the mesh"
+            f"{path}: has {len(faces)} triangles, more than {MOST}; simplify the mesh"
         )
     return vertices_m, faces, columns
 
@@ -138,28 +142,30 @@ def _check(path: Path, vertices_m: np.ndarray, polygons: list[np.ndarray]) -> No
     """
     if not any(map(len, polygons)):
         raise HandbenchError(
-            f"{path}: holds no triangles; expected a triangle mesh (PLY, OBJ or STL)"
+            f"{path}: has no triangles; expected a triangle mesh (PLY, OBJ or STL)"
         )
     if not np.isfinite(vertices_m).all():
         bad = int((~np.isfinite(vertices_m)).any(axis=1).sum())
-        raise HandbenchError(f"{path}: {bad} vertices are NaN or infinite; clean the mesh first")
+        raise HandbenchError(f"{path}: {bad} vertices are NaN or infinite; remove them")
     if np.abs(vertices_m).max(initial=0) > LARGEST_M:
         raise HandbenchError(
-            f"{path}: a vertex lies {np.abs(vertices_m).max():.3g} m away; expected metres"
+            f"{path}: a vertex is {np.abs(vertices_m).max():.3g} m from the origin; check that "
+            "the unit is metres"
         )
     step = float(np.spacing(np.float32(np.abs(vertices_m).max(initial=0))))
     extent = float(np.ptp(vertices_m, axis=0).max()) if len(vertices_m) else 0.0
     if step > COARSEST * extent > 0 and (vertices_m == vertices_m.astype(np.float32)).all():
         raise HandbenchError(
-            f"{path}: is {extent:.3g} large and {np.abs(vertices_m).max():.3g} from the origin, in "
-            f"single precision, whose steps are {step:.2g} there; export it in double precision, "
-            "or relative to a point near it"
+            f"{path}: its vertices are {np.abs(vertices_m).max():.3g} from the origin, where "
+            f"single precision has steps of {step:.2g}, too coarse for a mesh of size "
+            f"{extent:.3g}; export it in double precision, or move the origin to the mesh"
         )
     for corners in polygons:
         if corners.size and (corners.min() < 0 or corners.max() >= len(vertices_m)):
             named = corners.min() if corners.min() < 0 else corners.max()
             raise HandbenchError(
-                f"{path}: a face names vertex {named}, but there are {len(vertices_m)}"
+                f"{path}: a face uses vertex {named}, but there are only {len(vertices_m)} "
+                "vertices; export the mesh again"
             )
 
 
@@ -182,7 +188,7 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
         if is_utf_16(stream.read(4)):
-            raise ValueError("it is UTF-16; save it as UTF-8")
+            raise ValueError("the text is in UTF-16; save the file as UTF-8")
         stream.seek(0)
         for number, line in _obj_lines(stream):
             try:
@@ -196,7 +202,9 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
             except ValueError:
                 shown = line.decode("latin-1").strip()[:60]
                 wrong = (
-                    "has decimal commas" if b"," in line else "is no vertex, face or OBJ keyword"
+                    "has decimal commas"
+                    if b"," in line
+                    else ("is not a vertex, a face or another OBJ keyword")
                 )
                 raise ValueError(f"line {number}, '{shown}', {wrong}") from None
     groups = [np.array(faces[count], np.int64) for count in sorted(faces)]
@@ -246,10 +254,12 @@ def _read_stl(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     elif (text := content.removeprefix(codecs.BOM_UTF8).lstrip())[:5].lower() == b"solid":
         corners = _text_corners(text)
     elif b"\0" not in content[:1000]:
-        raise ValueError("it is text that does not begin with 'solid'")
+        raise ValueError("it is text, but does not begin with 'solid'")
     else:
         takes = 84 + 50 * count
-        raise ValueError(f"its {count} triangles take {takes} bytes, but it has {len(content)}")
+        raise ValueError(
+            f"its {count} triangles need {takes} bytes, but the file has {len(content)}"
+        )
     order = np.lexsort(corners.T[::-1])  # np.unique along an axis takes five times as long
     ordered = corners[order]
     is_first = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))[: len(corners)]
@@ -272,17 +282,17 @@ def _text_corners(content: bytes) -> np.ndarray:
                 try:
                     corners.append((float(x), float(y), float(z)))
                 except ValueError:
-                    commas = " but has decimal commas" if b"," in line else ""
-                    raise ValueError(f"line {number} is no vertex{commas}") from None
+                    commas = " (it has decimal commas)" if b"," in line else ""
+                    raise ValueError(f"line {number} is not a vertex{commas}") from None
             case [word, *_] if word in STL_WORDS:
                 last = word
                 ends += word == b"endfacet"
             case [_, *_]:
                 shown = line.decode("latin-1").strip()[:60]
-                raise ValueError(f"line {number}, '{shown}', begins with no STL keyword")
+                raise ValueError(f"line {number}, '{shown}', does not begin with an STL keyword")
     if len(corners) != 3 * ends or last != b"endsolid":
         raise ValueError(
-            f"it has {len(corners)} corners and {ends} whole triangles, and should end with "
+            f"it has {len(corners)} corners and {ends} complete triangles, or does not end with "
             "'endsolid'"
         )
     return np.array(corners, np.float64).reshape(-1, 3)
@@ -311,7 +321,7 @@ def _write(path: str | Path, write: Callable[..., bool], what: object) -> None:
             read_ply(temporary)
         except ValueError as error:  # open3d ignores a full disk
             raise OSError(
-                "what was written is cut short; is there space left on the disk?"
+                "the file that was written is cut short; check that the disk has free space"
             ) from error
 
 

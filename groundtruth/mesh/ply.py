@@ -87,13 +87,15 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
         if element.name == "vertex":
             vertices = {p.name: rows[p.name] for p in element.properties if p.length is None}
         if element.name == "tristrips" and element.count:
-            raise ValueError("its faces are strips of triangles")
+            raise ValueError("its faces are triangle strips, which are not read; export triangles")
         if element.name == "face":
             faces = _groups(next((rows[name] for name in CORNERS if name in element.lists()), []))
     if body[offset:].strip():
-        raise ValueError(f"{len(body) - offset} bytes follow what its header promises")
+        raise ValueError(
+            f"{len(body) - offset} bytes follow after the data that its header declares"
+        )
     if not {"x", "y", "z"} <= vertices.keys():
-        raise ValueError("its vertices lack x, y or z")
+        raise ValueError("its vertices have no x, y or z")
     return vertices, faces
 
 
@@ -113,7 +115,7 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
         or lines[0].strip() != "ply"
     ):
         raise ValueError(
-            f"no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes"
+            f"it has no header from 'ply' to 'end_header' in its first {LONGEST_HEADER} bytes"
         )
     order, known = "", TYPES
     elements: list[PlyElement] = []
@@ -132,8 +134,8 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
             ):
                 if TYPES[length] in "fd":
                     raise ValueError(
-                        f"a list of element '{elements[-1].name}' has a length that is no whole "
-                        "number"
+                        f"the length of a list of element '{elements[-1].name}' is not declared "
+                        "as a whole number"
                     )
                 elements[-1].properties.append(
                     PlyProperty(name, order + known[kind], order + known[length])
@@ -141,17 +143,15 @@ def _header(content: bytes) -> tuple[str, list[PlyElement], int]:
             case ["property", kind, name] if elements and kind in TYPES:
                 elements[-1].properties.append(PlyProperty(name, order + known[kind], None))
             case _:
-                raise ValueError(
-                    f"line {number} of its header is '{line.strip()[:60]}', which is no PLY"
-                )
+                raise ValueError(f"line {number} of its header, '{line.strip()[:60]}', is not PLY")
     if not order:
-        raise ValueError(f"its header names no format; expected one of {', '.join(ORDERS)}")
+        raise ValueError(f"its header has no format; expected one of {', '.join(ORDERS)}")
     for element in elements:
         if len({p.name for p in element.properties}) < len(element.properties):
             raise ValueError(f"a property of element '{element.name}' is declared twice")
         if element.count > MOST:
             raise ValueError(
-                f"its header promises {element.count} of '{element.name}'; at most {MOST} are read"
+                f"its header declares {element.count} of '{element.name}', more than {MOST}"
             )
     if len({element.name for element in elements}) < len(elements):
         raise ValueError("an element is declared twice")
@@ -166,8 +166,8 @@ def _numbers(text: bytes) -> np.ndarray:
         try:
             return np.fromstring(text, sep=" ") if text.strip() else np.zeros(0)
         except (DeprecationWarning, ValueError):
-            commas = ": it has decimal commas" if re.search(rb"\d,\d", text) else ""
-            raise ValueError(f"what follows its header is not numbers alone{commas}") from None
+            commas = " (it has decimal commas)" if re.search(rb"\d,\d", text) else ""
+            raise ValueError(f"a value after its header is not a number{commas}") from None
 
 
 def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any], int]:
@@ -181,9 +181,8 @@ def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any]
     room = len(body) - offset
     if element.count * least > room:
         raise ValueError(
-            f"its header promises {element.count} of '{element.name}', at least "
-            f"{element.count * least} bytes, "
-            f"but {room} follow"
+            f"its header declares {element.count} of '{element.name}', which need at least "
+            f"{element.count * least} bytes, but only {room} follow"
         )
     if element.count == 0 or least == 0:
         return {p.name: [] if p.length else np.zeros(0) for p in element.properties}, offset
@@ -196,8 +195,8 @@ def _rows(element: PlyElement, body: bytes, offset: int) -> tuple[dict[str, Any]
             return {p.name: rows[p.name] for p in element.properties}, offset + rows.nbytes
     if element.count > 500_000:  # each is read by itself
         raise ValueError(
-            f"its {element.count} of '{element.name}' have lists of different lengths: "
-            "triangulate it"
+            f"its {element.count} of '{element.name}' have lists of different lengths; "
+            "triangulate the mesh"
         )
     walked, ends = zip(*_walk(element, body, offset, element.count), strict=True)
     columns = {p.name: [row[p.name] for row in walked] for p in element.properties}
@@ -224,7 +223,7 @@ def _walk(
                 if length is not None:
                     (size,) = struct.unpack_from(length, body, offset)
                     if not 0 <= size <= len(body) or size != int(size):
-                        raise ValueError(f"a list of '{element.name}' has {size:g} entries")
+                        raise ValueError(f"a list of '{element.name}' has the length {size:g}")
                     offset += struct.calcsize(length)
                 form = f"{kind[0]}{int(size)}{kind[1]}"
                 values = struct.unpack_from(form, body, offset)
@@ -232,7 +231,7 @@ def _walk(
                 offset += struct.calcsize(form)
         except struct.error:
             raise ValueError(
-                f"it ends amid the {element.count} of '{element.name}' that its header promises"
+                f"it ends before all {element.count} of '{element.name}' that its header declares"
             ) from None
         yield row, offset
 
@@ -251,5 +250,5 @@ def _groups(polygons: np.ndarray | list[tuple[float, ...]]) -> list[np.ndarray]:
             corners.dtype.kind == "f"
             and not ((np.abs(corners) < 2**53) & (corners == np.floor(corners))).all()
         ):
-            raise ValueError("a face names a vertex by what is no whole number")
+            raise ValueError("a face has a vertex number that is not a whole number")
     return [corners.astype(np.int64) for corners in groups]

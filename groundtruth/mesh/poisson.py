@@ -33,10 +33,9 @@ def clean(cloud: Cloud) -> Cloud:
     o3d = load_open3d()
     if len(cloud.points_m) < FEWEST_POINTS:
         raise HandbenchError(
-            f"dense stage: the views agree on {len(cloud.points_m)} points only, {FEWEST_POINTS} "
-            "are needed; take "
-            "sharper photographs with more overlap, project a speckle pattern, or check the crop "
-            "box"
+            f"dense reconstruction: the photographs agree on only {len(cloud.points_m)} points; "
+            f"expected at least {FEWEST_POINTS}; take sharper photographs with more overlap, "
+            "project a pattern of speckles, or check the crop box"
         )
     cloud = _one_per_voxel(cloud)
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))

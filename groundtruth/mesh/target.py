@@ -52,7 +52,7 @@ def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
     if not off.all():
         say(
             f"target: {1 - off.mean():.1%} of the points are less than {1e3 * least_m:.1f} mm "
-            "above the board: dropped"
+            "above the board, so they are left out"
         )
     return cloud.at(off)
 
@@ -89,10 +89,13 @@ def keep_target(
     parts = tuple(sorted(shares[wanted].tolist(), reverse=True))
     target = TargetParts(kept, 0.0, parts, int((~wanted).sum()), float(shares[~wanted].sum()))
     listed = ", ".join(f"{share:.1%}" for share in target.parts)
-    say(f"target: {kept}, {len(target.parts)} of {len(shares)} parts, with {listed} of the surface")
+    say(
+        f"target: keeps {kept}: {len(target.parts)} of {len(shares)} connected parts, with "
+        f"{listed} of the surface"
+    )
     if target.dropped_parts:
         say(
-            f"target: {target.dropped_parts} parts dropped, with {target.dropped:.1%} of the "
+            f"target: leaves out {target.dropped_parts} parts, with {target.dropped:.1%} of the "
             "surface"
         )
     return target
@@ -102,7 +105,6 @@ def _nothing_off(height_m: float) -> HandbenchError:
     every = option("--components all", 'components="all"')
     return HandbenchError(
         f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; "
-        "expected a target before or "
-        f"on the board: check {option('--box', 'box_m')} and the photographs, or give {every} "
-        "for the board itself"
+        f"expected a target before or on the board; check {option('--box', 'box_m')} and the "
+        f"photographs, or give {every} to measure the board itself"
     )

@@ -53,7 +53,10 @@ class Masks:
             return None
         found = cut_out(photo, _may_show(photo, camera, pose, box_m))
         if found is None:
-            say(f"{photo.name}: no target stands out by its colour; used without a mask")
+            say(
+                f"{photo.name}: the target cannot be separated from the background by colour, so "
+                "the photograph is used without a mask"
+            )
         return found
 
 
@@ -74,15 +77,15 @@ def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]
     missing = [photo.name for photo in photos if photo.name not in masks]
     if missing:
         raise HandbenchError(
-            f"{folder}: has no mask for {', '.join(missing)}; expected {missing[0]}.png or "
-            f"{Path(missing[0]).stem}.png "
-            "with nonzero pixels on the target"
+            f"{folder}: has no mask for {', '.join(missing)}; add {missing[0]}.png or "
+            f"{Path(missing[0]).stem}.png with nonzero pixels on the target"
         )
     for photo in photos:
         read_mask(masks[photo.name], photo)
         if photo.orientation == 3:
             say(
-                f"{photo.name}: EXIF turns it by 180°; its mask is taken to be of the stored pixels"
+                f"{photo.name}: EXIF says that it is upside down; its mask must fit the stored "
+                "pixels, which are not turned"
             )
     return masks
 
@@ -100,12 +103,13 @@ def read_mask(path: Path, photo: Photo) -> np.ndarray:
         mask = stored_picture(photo, mask)
     elif (width, height) != (photo.width, photo.height):
         raise HandbenchError(
-            f"{path}: is {width} × {height}, {photo.name} has {photo.width} × {photo.height} "
-            "pixels; make the mask at "
-            "the photograph's size"
+            f"{path}: is a mask of {width} × {height} pixels, but {photo.name} has {photo.width} "
+            f"× {photo.height}; make the mask in the size of the photograph"
         )
     if not mask.any():
-        raise HandbenchError(f"{path}: is zero everywhere; expected nonzero pixels on the target")
+        raise HandbenchError(
+            f"{path}: is a mask that is zero everywhere; make the pixels on the target nonzero"
+        )
     return mask
 
 

@@ -151,7 +151,7 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
     if twice:
         raise HandbenchError(
             f"{folder}: two photographs are called {twice[0]}, with accents written in two ways; "
-            "rename one"
+            "rename one of them"
         )
     unread = [
         path.name
@@ -159,12 +159,15 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
         if path.suffix.lower() in UNREAD and path not in paths
     ]
     others = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
-    left_out = f"{one_form(unread[0])}{others}: no JPEG, PNG or TIFF; left out" if unread else ""
+    left_out = (
+        (f"{one_form(unread[0])}{others}: left out, because it is not JPEG, PNG or TIFF")
+        if unread
+        else ""
+    )
     if len(paths) < FEWEST:
         raise HandbenchError(
-            f"{folder}: found {len(paths)} photographs ({', '.join(SUFFIXES)}), here and in "
-            "images/; "
-            f"at least {FEWEST} are needed, 5 to 12 from different sides are good"
+            f"{folder}: found only {len(paths)} photographs ({', '.join(SUFFIXES)}) in it and in "
+            f"images/; expected at least {FEWEST}; 5 to 12 from different sides are good"
             + (f" ({left_out})" if left_out else "")
         )
     if left_out:
@@ -200,7 +203,7 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
 
     if image.mode in ("I", "F"):
         raise HandbenchError(
-            f"{path}: has 32 bits a pixel; expected 8 or 16 bits a channel, save it so"
+            f"{path}: has 32 bits per pixel; save it with 8 or 16 bits per channel"
         )
     if not is_deep(image):
         gray: np.ndarray = np.array(image.convert("L"), dtype=np.float32)
@@ -209,7 +212,7 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
     image.load()  # complains of a truncated file, where OpenCV fills up
     deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
     if deep is None:
-        raise ValueError("OpenCV cannot read its 16 bits")
+        raise ValueError("OpenCV cannot read its 16-bit channels")
     deep = deep.astype(np.float32) / 65535
     return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
@@ -237,9 +240,8 @@ def _open(path: Path) -> Photo:
     orientation = orientation_of(exif)
     if orientation in MIRRORED:
         raise HandbenchError(
-            f"{path}: its EXIF orientation {orientation} says that it is mirrored, and such a "
-            "picture has no camera; "
-            "save it as it was taken"
+            f"{path}: its EXIF orientation {orientation} says that the picture is mirrored, which "
+            "no camera does; save it unmirrored"
         )
     body = body_of(exif, (width, height))
     return Photo(
@@ -279,20 +281,19 @@ def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     first = {look.pixels: name for name, look in reversed(looks.items())}
     for name, look in looks.items():
         if first[look.pixels] != name:
-            say(f"{name}: the same pixels as {first[look.pixels]}; left out")
+            say(f"{name}: has the same pixels as {first[look.pixels]}, so it is left out")
     photos = tuple(photo for photo in photos if first[looks[photo.name].pixels] == photo.name)
     folder = photos[0].path.parent
     if len(photos) < FEWEST:
         raise HandbenchError(
-            f"{folder}: only {len(photos)} photographs differ; at least {FEWEST} are needed"
+            f"{folder}: only {len(photos)} photographs are different; expected at least {FEWEST}"
         )
     textured = sum(looks[photo.name].features >= FEWEST_FEATURES for photo in photos)
     if textured < FEWEST:
         raise HandbenchError(
-            f"{folder}: {textured} of {len(photos)} photographs show enough texture "
-            f"({FEWEST_FEATURES} features), "
-            f"{FEWEST} are needed; light the scene, focus, and put something printed with fine "
-            "detail around the hand"
+            f"{folder}: only {textured} of {len(photos)} photographs show enough texture "
+            f"({FEWEST_FEATURES} features); expected at least {FEWEST}; add light, focus on the "
+            "hand, and put a print with fine detail around it"
         )
     return _without_blurred(photos, looks)
 
@@ -306,9 +307,9 @@ def _without_blurred(
     for photo in blurred:
         share, what = (
             looks[photo.name].sharpness / typical,
-            "left out" if spared else "used, since there are few",
+            "left out" if spared else "used, because there are only a few photographs",
         )
-        say(f"{photo.name}: blurred ({share:.0%} of the others' sharpness); {what}")
+        say(f"{photo.name}: is blurred ({share:.0%} of the typical sharpness); {what}")
     return tuple(photo for photo in photos if photo not in blurred) if spared else photos
 
 

@@ -56,8 +56,8 @@ def origin_near(centres_m: np.ndarray) -> np.ndarray:
     if not far_m <= FARTHEST_M:
         raise HandbenchError(
             f"cameras: are {far_m:.3g} m from the origin of their frame; expected at most "
-            f"{FARTHEST_M:g} m, up to which numbers of double precision tell micrometres apart: "
-            "subtract one position from all"
+            f"{FARTHEST_M:g} m, where double precision still resolves micrometres; subtract one "
+            "position from all positions"
         )
     return middle_m.round() if far_m > NEAR_M else np.zeros(3)
 
@@ -133,14 +133,15 @@ def distances_from_model(
         for name in (distance.first, distance.second):
             if name not in centre:
                 raise HandbenchError(
-                    f"{given}: {name} is not among the registered photographs "
-                    f"({', '.join(centre)}); name two of them"
+                    f"{given}: {name} is not one of the registered photographs "
+                    f"({', '.join(centre)}); name two of these"
                 )
     length = np.array([np.linalg.norm(centre[d.first] - centre[d.second]) for d in distances])
     known_m = np.array([d.distance_m for d in distances])
     if not length.all():
         raise HandbenchError(
-            f"{given}: two photographs were taken from the same point; measure between two others"
+            f"{given}: two of these photographs were taken from the same point; measure between "
+            "two others"
         )
     scale = float(length @ known_m / (length @ length))
     off_m = scale * length - known_m
@@ -148,11 +149,10 @@ def distances_from_model(
     if abs(off_m[worst]) > DISAGREEMENT * known_m[worst]:
         d = distances[worst]
         raise HandbenchError(
-            f"{given}: {d.first} to {d.second} is given as {d.distance_m} m, all together "
-            "make it "
-            f"{scale * length[worst]:.4g} m; they must agree to {DISAGREEMENT:.0%}: measure "
-            "between the lenses' "
-            "entrance pupils, and check the names"
+            f"{given}: the distance from {d.first} to {d.second} is {d.distance_m} m, but all "
+            f"distances together give {scale * length[worst]:.4g} m; they must agree to "
+            f"{DISAGREEMENT:.0%}; measure between the entrance pupils of the lenses, and check "
+            "the names"
         )
     residual_m = float(np.sqrt(np.mean(off_m**2))) if len(distances) > 1 else None
     return np.diag([scale, scale, scale, 1.0]), Scale(
@@ -175,8 +175,9 @@ def trimmed_similarity(
     """
     if len(source) < 3 or _collinear(target_m):
         raise HandbenchError(
-            f"scale: {len(source)} {what}; at least three that are not on a line are needed: add "
-            f"photographs that show the board, or give {option('--unscaled', 'unscaled=True')}"
+            f"scale: has only {len(source)} {what}; expected at least three that are not on a "
+            "line; add photographs that show the board, or give "
+            f"{option('--unscaled', 'unscaled=True')}"
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()
@@ -184,9 +185,8 @@ def trimmed_similarity(
     far = int((residuals_m > far_m).sum())
     if far and 2 * int((_agreeing(source * [1, 1, -1], target_m)[2] > far_m).sum()) < far:
         raise HandbenchError(
-            f"scale: {far} of {len(source)} {what} lie where the mirror image of the others has "
-            "them; a reflection is "
-            "no motion: check that the numbers are of a right-handed frame"
+            f"scale: {far} of {len(source)} {what} are where a mirror image of the others would "
+            "be; check that their coordinates are in a right-handed frame"
         )
     check_fit(_rms(residuals_m[kept]), float(np.ptp(target_m[kept], axis=0).max()), what)
     return matrix, kept, residuals_m
@@ -256,11 +256,9 @@ def check_fit(residual_m: float, extent_m: float, what: str) -> None:
     if residual_m > LARGEST_MISFIT * extent_m:
         raise HandbenchError(
             f"scale: {what} are {1e3 * residual_m:.1f} mm off after the best fit, "
-            f"{residual_m / extent_m:.0%} of their "
-            f"extent; expected at most {LARGEST_MISFIT:.0%}: check that the numbers belong to "
-            "these photographs, are "
-            "metres, that R, t carry world to camera, and that the photographs were taken from "
-            "places apart"
+            f"{residual_m / extent_m:.0%} of their extent; expected at most {LARGEST_MISFIT:.0%}; "
+            "check that the numbers belong to these photographs, are in metres, that R, t lead "
+            "from world to camera, and that the photographs were taken from different places"
         )
 
 

@@ -86,15 +86,14 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
     devices = 0 if options.dense == "cpu" else cuda_devices()
     if options.dense == "cuda" and not devices:
         raise HandbenchError(
-            "dense: cuda is asked for, but pycolmap finds no CUDA device; on a machine with an "
-            "NVIDIA card and its "
-            "driver, pip install 'handbench[cuda]' (see `handbench doctor`), or leave the option "
-            "out"
+            "dense: CUDA is requested, but pycolmap finds no CUDA device; use a machine with an "
+            "NVIDIA card and its driver, run pip install 'handbench[cuda]' (see `handbench "
+            "doctor`), or leave the option out"
         )
     options = options.model_copy(update={"dense": "cuda" if devices else "cpu"})
     photos, options = _completed(folder, options)
     if options.masks is not None:
-        _require_one(options, "masks", "mask", "the masks suffice")
+        _require_one(options, "masks", "mask", "leave out mask, because masks are enough")
         find_masks(options.masks, photos)
     return photos, options
 
@@ -150,22 +149,22 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
     ):
         if name not in names:
             raise HandbenchError(
-                f"distances: {name} is none of the photographs used; {suggest(name, names)}"
+                f"distances: {name} is not one of the photographs used; {suggest(name, names)}"
             )
     posed = sum(camera.posed for camera in cameras or ())
     metric = options.model is not None and options.metric
     if not (options.board or options.distances or posed >= 3 or metric or options.unscaled):
         raise HandbenchError(
-            f"{folder}: nothing gives the scale: no board.toml and no camera poses (R, t in "
-            "cameras.json); add "
-            f"{option('--board')}, {option('--cameras')} or {option('--distance', 'distances')} "
-            f"({option('--metric', 'metric=True')}, if a COLMAP model is in metres), or give "
-            f"{option('--unscaled', 'unscaled=True')} for a mesh of arbitrary size"
+            f"{folder}: nothing gives the scale, neither a board.toml nor camera poses (R, t in "
+            f"cameras.json); add {option('--board')}, {option('--cameras')} or "
+            f"{option('--distance', 'distances')} ({option('--metric', 'metric=True')}, if a "
+            f"COLMAP model is in metres), or give {option('--unscaled', 'unscaled=True')} for a "
+            "mesh of arbitrary size"
         )
     if options.refine_poses and options.model is None and posed < len(photos):
         raise HandbenchError(
-            f"{option('--refine-poses')}: not all photographs have a pose; expected R, t of each "
-            f"in {option('--cameras')}"
+            f"{option('--refine-poses')}: needs a pose (R, t) for each photograph, but some have "
+            f"none; add them in {option('--cameras')}"
         )
     corners: dict[str, Corners] = {}
     if board is not None:
@@ -183,7 +182,9 @@ def _require_one(options: SparseOptions, first: str, second: str, advice: str) -
     """Raise HandbenchError if two options that exclude each other are both given. first, second:
     names of the options; advice: end of the message."""
     if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
-        raise HandbenchError(f"{first} and {second}: both are given; {advice}")
+        raise HandbenchError(
+            f"{first}, {second}: both are given, but only one is allowed; {advice}"
+        )
 
 
 def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> None:
@@ -192,26 +193,26 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     Raises HandbenchError if options contradict each other, if an option needs another one that is
     missing, or if one camera's intrinsics are given for photographs of different sizes.
     """
-    _require_one(options, "cameras", "intrinsics", "give the intrinsics in one of them")
-    _require_one(options, "model", "intrinsics", "the model has its own")
-    _require_one(options, "board", "distances", "give the one you trust more")
+    _require_one(options, "cameras", "intrinsics", "give the intrinsics only in one of them")
+    _require_one(options, "model", "intrinsics", "leave out intrinsics, because the model has them")
+    _require_one(options, "board", "distances", "give the one that you trust more")
     if options.refine_distortion and options.intrinsics is None:
         raise HandbenchError(
-            f"{option('--refine-distortion')}: is for {option('--intrinsics')}, which are not "
-            "given; leave it out"
+            f"{option('--refine-distortion')}: needs {option('--intrinsics')}, which is not "
+            "given; add it, or leave this option out"
         )
     posed_by_colmap = options.model is not None or (
         options.cameras is not None and options.cameras.is_dir()
     )
     if options.metric and not posed_by_colmap:
         raise HandbenchError(
-            f"{option('--metric')}: there is no COLMAP model; give one with {option('--model')} or "
-            f"{option('--cameras')}, or leave it out"
+            f"{option('--metric')}: is only for a COLMAP model, which is not given; give one with "
+            f"{option('--model')} or {option('--cameras')}, or leave this option out"
         )
     sizes = sorted({(photo.width, photo.height) for photo in photos})
     if options.intrinsics is not None and len(sizes) > 1:
         listed = ", ".join(f"{width} × {height}" for width, height in sizes)
         raise HandbenchError(
-            f"intrinsics: the photographs are of different sizes ({listed}), and one camera has "
-            f"one; give {option('--cameras')} with a camera for each"
+            f"intrinsics: the photographs have different sizes ({listed}), so they cannot have "
+            f"the same intrinsics; give {option('--cameras')} with a camera for each"
         )

@@ -242,11 +242,9 @@ def structure_from_motion(
             break
     if count < FEWEST:
         raise HandbenchError(
-            f"{pictures}: only {count} of {len(photos)} photographs could be registered, "
-            f"{FEWEST} are needed; take "
-            "more photographs from different places, with more overlap and a textured "
-            "surrounding, or give "
-            "the cameras' intrinsics"
+            f"{pictures}: only {count} of {len(photos)} photographs could be registered; expected "
+            f"at least {FEWEST}; take more photographs from different places, with more overlap "
+            "and a textured surrounding, or give the intrinsics of the cameras"
         )
     say(f"registered {count} of {len(photos)} photographs")
     return best
@@ -275,11 +273,9 @@ def triangulate_known_poses(
     share = keep_agreeing_matches(database, model)
     if share < LEAST_AGREEING:
         raise HandbenchError(
-            f"{pictures}: {share:.0%} of the matched features agree with the given poses, "
-            f"{LEAST_AGREEING:.0%} are "
-            "needed; check that R, t carry world to camera (x right, y down, z forward) and "
-            "belong to these "
-            "photographs, or leave them out"
+            f"{pictures}: only {share:.0%} of the matched features agree with the given poses; "
+            f"expected at least {LEAST_AGREEING:.0%}; check that R, t lead from world to camera "
+            "(x right, y down, z forward) and belong to these photographs, or leave the poses out"
         )
     say("triangulating")
     model = pycolmap.triangulate_points(
@@ -290,10 +286,9 @@ def triangulate_known_poses(
             model.deregister_frame(image.frame_id)
     if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{pictures}: {len(registered_images(model))} of {len(photos)} photographs see "
-            f"{FEWEST_POINTS} "
-            f"points with the given poses, {FEWEST} are needed; take photographs with more "
-            "overlap and texture"
+            f"{pictures}: with the given poses, only {len(registered_images(model))} of "
+            f"{len(photos)} photographs see {FEWEST_POINTS} points; expected at least {FEWEST}; "
+            "take photographs with more overlap and texture"
         )
     # restore the exact poses: COLMAP scales its models, and back
     for image in registered_images(model):

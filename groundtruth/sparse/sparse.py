@@ -130,8 +130,8 @@ def warn_of_unregistered(
     names = tuple(photo.name for photo in photos if photo.name not in known)
     if names:
         say(
-            f"not registered, and not used: {', '.join(names)} (too little overlap with the "
-            "others, or another scene)"
+            f"these photographs could not be registered and are not used: {', '.join(names)} (too "
+            "little overlap with the others, or another scene)"
         )
     return names
 
@@ -153,11 +153,9 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
     moved = np.median([far / depth for far, depth in zip(reach, depths, strict=True)] or [0])
     if moved < SMALLEST_BASELINE:
         raise HandbenchError(
-            f"photographs: the cameras moved by {moved:.2%} of the distance to the scene only, "
-            f"{SMALLEST_BASELINE:.0%} "
-            "are needed; turning a camera on the spot shows no depth: take the photographs from "
-            "different places, 10° "
-            "to 30° apart"
+            f"photographs: the cameras moved by only {moved:.2%} of the distance to the scene; "
+            f"expected at least {SMALLEST_BASELINE:.0%}; take the photographs from different "
+            "places, 10° to 30° apart, because turning a camera on the spot shows no depth"
         )
 
 

@@ -37,7 +37,8 @@ def run(options: argparse.Namespace) -> None:
         files
     ) + bool(options.maroon):
         raise HandbenchError(
-            f"-o, --array, --maroon: name the same file, {options.out}; name different ones"
+            f"-o, --array, --maroon: two of these options name the same file, {options.out}; give "
+            "each option its own file"
         )
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
@@ -79,12 +80,13 @@ def _from_echoes(options: argparse.Namespace) -> None:
 def _from_targets(options: argparse.Namespace) -> Transform:
     if not options.capture:
         raise HandbenchError(
-            "TARGET_CAPTURE: is missing; name a capture of the target, or --refine DEPTH.npz "
-            "--mesh M"
+            "TARGET_CAPTURE: is missing; name a capture of the calibration target, or give "
+            "--refine DEPTH.npz with --mesh MESH.ply"
         )
     if options.mesh or options.transform:
         raise HandbenchError(
-            "--mesh, --transform: are for --refine; a target's capture needs neither"
+            "--mesh, --transform: only --refine uses these options; leave them out, or add "
+            "--refine DEPTH.npz"
         )
     array = None
     if options.array is not None:
@@ -97,32 +99,40 @@ def _from_targets(options: argparse.Namespace) -> Transform:
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
     error = (
-        "at the hand's centre ± "
+        "error at the hand's centre ± "
         + " × ".join(f"{s:.2f}" for s in sigma_mm)
         + " mm (x × y × z, one σ)"
     )
-    say(f"{options.out}: {len(transform.residuals_m)} elements, residuals {residuals} mm; {error}")
+    say(
+        f"{options.out}: the transform is fitted to {len(transform.residuals_m)} elements of the "
+        f"target with residuals of {residuals} mm; {error}"
+    )
     return transform
 
 
 def _from_surface(options: argparse.Namespace) -> Transform:
     if options.capture or options.array:
         raise HandbenchError(
-            "--refine: does without a target; leave TARGET_CAPTURE and --array out"
+            "--refine: aligns a depth map to a mesh and needs no calibration target; leave out "
+            "TARGET_CAPTURE and --array"
         )
     if options.mesh is None:
-        raise HandbenchError("--refine: needs --mesh MESH.ply, the surface to align")
+        raise HandbenchError(
+            "--refine: needs a surface to align the depth map to; add --mesh MESH.ply"
+        )
     transform = refine_files(options.refine, options.mesh, load_any_transform(options.transform))
     report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
     say(
-        f"{options.out}: moved by ({shift}) mm and turned by ({turn})° about the surface's "
-        "middle; RMS over "
-        f"{report['pixels']} pixels {report['rms_before_mm']:.2f} → {report['rms_after_mm']:.2f} "
-        "mm; "
+        f"{options.out}: the transform has moved by ({shift}) mm and turned by ({turn})° about "
+        f"the middle of the surface; the RMS depth error over {report['pixels']} pixels changed "
+        f"from {report['rms_before_mm']:.2f} to {report['rms_after_mm']:.2f} mm; "
         f"{report['reason']}; {report['uncertainty']}"
     )
     for direction in report["free"]:
-        say(f"{options.out}: the surface does not hold {direction}; left as it was")
+        say(
+            f"{options.out}: the shape of the surface does not determine {direction}, so this "
+            "part of the transform is unchanged"
+        )
     return transform

@@ -15,7 +15,10 @@ def run(options: argparse.Namespace) -> None:
 
     if options.out is not None:
         if (options.out / "result.json").exists():
-            raise HandbenchError(f"{options.out}: is a result folder; choose another -o")
+            raise HandbenchError(
+                f"{options.out}: is a result folder, which a comparison does not overwrite; "
+                "choose another folder for -o"
+            )
         free(options.out / "compare.json", options.overwrite)
     compared = compare_results(load(options.a), load(options.b))
     if options.out is not None:

@@ -93,7 +93,8 @@ def _claim(folder: Path, scene: str) -> None:
         write_text(mark, marked)
     elif not mark.is_file() or mark.read_text("utf-8", "replace") != marked:
         raise HandbenchError(
-            f"{folder}: exists, and is no demo of this version; choose another -o, or remove it"
+            f"{folder}: exists, but this version of `handbench demo` did not write it; choose "
+            "another folder for -o, or remove this one"
         )
 
 
@@ -105,7 +106,7 @@ def _simulate(scene: Path, capture: Path) -> None:
     from handbench.radar.warmup import compile_kernels
 
     if capture.exists():  # which appears whole or not at all
-        say(f"{capture}: is there already")
+        say(f"{capture}: exists already and is used again")
         return
     with ThreadPoolExecutor() as pool:
         compiled = pool.submit(compile_kernels, load=False)

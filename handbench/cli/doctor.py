@@ -66,7 +66,8 @@ def _libraries() -> list[tuple[str, str]]:
             found.append(
                 (
                     name,
-                    f"does not import ({error}): no meshes, no photographs; run `make setup` again",
+                    f"cannot be imported ({error}), so meshes and photographs do not work; run "
+                    "`make setup` again",
                 )
             )
     return found

@@ -21,7 +21,9 @@ def run(options: argparse.Namespace) -> None:
         _take_over(options)
         return
     if options.unit is not None:
-        raise HandbenchError(f"--unit: is for a mesh file, {options.photos} is none; leave it out")
+        raise HandbenchError(
+            f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
+        )
     from handbench.bench.validation.capture_problems import board_warnings
     from handbench.groundtruth.board.board import load_board
     from handbench.groundtruth.options import Options, predict_effort
@@ -52,7 +54,8 @@ def _take_over(options: argparse.Namespace) -> None:
 
     if options.unit is None:
         raise HandbenchError(
-            f"--unit: is missing; {options.photos} does not name its unit: give m or mm"
+            f"--unit: is missing, and {options.photos} does not say in which unit its vertices "
+            "are; add --unit m or --unit mm"
         )
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
@@ -80,5 +83,6 @@ def _distance(text: str) -> dict[str, Any]:
         return {"first": first, "second": second, "distance_m": float(metres)}
     except ValueError:
         raise HandbenchError(
-            f"--distance: is '{text}'; expected A.jpg,B.jpg,0.350, names and metres"
+            f"--distance: is '{text}'; expected two photographs and the metres between their "
+            "cameras, as in A.jpg,B.jpg,0.350"
         ) from None

@@ -22,7 +22,9 @@ def run(options: argparse.Namespace) -> None:
     set_values(settings, options.settings, "parameter=S11")
     with_settings = {"touchstone": import_touchstone, "ti-raw": import_ti_raw}
     if settings and options.dataset not in with_settings:
-        raise HandbenchError(f"--set: expected none for {options.dataset}; leave it out")
+        raise HandbenchError(
+            f"--set: the data set '{options.dataset}' has no settings; leave --set out"
+        )
     if options.dataset == "makehuman":
         free_folder(options.out, options.overwrite, (SCENE, HAND))
         import_makehuman(options.source, options.out)

@@ -12,6 +12,7 @@ def run(options: argparse.Namespace) -> None:
 
     if (options.mesh or options.transform) and [path.suffix for path in options.paths] != [".npz"]:
         raise HandbenchError(
-            "--mesh, --transform: are for a DEPTH.npz; a capture has its own surface in its folder"
+            "--mesh, --transform: are only for one DEPTH.npz, because a capture folder has its "
+            "own mesh and transform; leave them out"
         )
     show([str(path) for path in options.paths], options.mesh, options.transform)

@@ -32,7 +32,8 @@ def run(options: argparse.Namespace) -> None:
             print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
     if wanted and not printed:
         raise HandbenchError(
-            f"list: nothing has '{options.filter}' in its name or in the line about it"
+            f"list: no name and no description contains '{options.filter}'; use another word, or "
+            "`handbench list` for all"
         )
 
 

@@ -62,7 +62,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print(
-            "handbench: interrupted; nothing was left half-written, and `run` resumes",
+            "handbench: interrupted; no file is half-written, and the same `run` command resumes "
+            "the run",
             file=sys.stderr,
         )
         return 130
@@ -71,14 +72,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 141
     except MemoryError as error:
         print(
-            f"handbench: out of memory ({error}); end other programs, or ask for less at once",
+            f"handbench: out of memory ({error}); close other programs, or use fewer pixels, "
+            "tones or frames",
             file=sys.stderr,
         )
         return 2
     except OSError as error:
         if error.errno == errno.ENOENT and error.filename is None:  # of tempfile
             print(
-                "handbench: no folder for temporary files can be written; set TMPDIR to one",
+                "handbench: no folder for temporary files is writable; set TMPDIR to a writable "
+                "folder",
                 file=sys.stderr,
             )
             return 2
@@ -87,9 +90,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _drain()
         where = error.filename or f"the output or {os.environ.get('TMPDIR', '/tmp')}"
         advice = (
-            "free the space or choose another place"
+            "free space on the disk, or choose another place"
             if error.errno in FULL
-            else "it was there before: is the disk?"
+            else "the file or folder has disappeared; check that its disk is still connected"
         )
         print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
@@ -112,7 +115,8 @@ def _require_addresses() -> None:
     needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
     if 0 <= limit < needed:
         raise HandbenchError(
-            f"ulimit -v: is {limit // 1024} kB; expected {needed // 1024} or more, or unlimited"
+            f"ulimit -v: is {limit // 1024} kB, but handbench needs {needed // 1024} kB; raise "
+            "it, or set it to unlimited"
         )
 
 

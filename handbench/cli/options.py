@@ -98,7 +98,7 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
         for parent in parents:
             place = place.setdefault(parent, {}) if isinstance(place, dict) else None
         if not separator or not isinstance(place, dict):
-            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, as {example}")
+            raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, such as {example}")
         try:
             place[leaf] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
@@ -124,14 +124,14 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
         return
     if not (path / written[0]).is_file():
         raise HandbenchError(
-            f"{path}: holds no {written[0]}, so this command did not write it; choose another "
-            f"{option('-o', 'folder')}"
+            f"{path}: has no {written[0]}, so this command did not make this folder and does not "
+            f"overwrite it; choose another {option('-o', 'folder')}"
         )
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
         kept = file.is_symlink() or not file.is_dir()
         if kept and not any(fnmatchcase(name, pattern) for pattern in written):
             raise HandbenchError(
-                f"{path}: holds {name}, which this command does not write; move it away, or choose "
-                f"another {option('-o', 'folder')}"
+                f"{path}: has a file {name} that this command did not write; move the file away, "
+                f"or choose another {option('-o', 'folder')}"
             )

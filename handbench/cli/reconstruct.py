@@ -34,7 +34,9 @@ def run(options: argparse.Namespace) -> None:
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
     if options.volume == options.out:
-        raise HandbenchError(f"--volume: is the same file as -o, {options.out}; name two")
+        raise HandbenchError(
+            f"--volume: is the same file as -o, {options.out}; give two different files"
+        )
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(
@@ -46,7 +48,8 @@ def run(options: argparse.Namespace) -> None:
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
         raise HandbenchError(
-            f"--volume, --check: '{chosen.id}' makes no volume; choose broadband or narrowband"
+            f"--volume, --check: the method '{chosen.id}' computes no volume; choose --method "
+            "broadband or narrowband, or leave these options out"
         )
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
@@ -66,7 +69,9 @@ def run(options: argparse.Namespace) -> None:
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
     bound = (
-        f"; images' relative error at most {certificate.bound:.1e}" if certificate.images else ""
+        f"; the images' relative error is at most {certificate.bound:.1e}"
+        if certificate.images
+        else ""
     )
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}{bound}")
 
@@ -88,13 +93,16 @@ def _imaged(
             return result, task, certificate
         if now is None:
             say(
-                f"the exact sum, in single precision, is off by up to {certificate.bound:.1e}; "
-                f"{asked:g} was asked for"
+                "the exact sum, in single precision, has a relative error of up to "
+                f"{certificate.bound:.1e}, more than the {asked:g} that you asked for"
             )
             return result, task, certificate
         finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
         anew = "exactly" if finer is None else f"to {finer:g}"
-        say(f"images' relative error is at most {certificate.bound:.1e}: imaging anew, {anew}")
+        say(
+            f"the images' relative error may be {certificate.bound:.1e}, more than you asked for; "
+            f"computing them again {anew}"
+        )
         task = replace(task, settings=task.settings.model_copy(update={"tolerance": finer}))
 
 
@@ -119,8 +127,8 @@ def _check(
     )
     if error > most:
         raise HandbenchError(
-            f"--check: the volume's relative error is {error:.1e}; expected at most {most:g}; "
-            "please report the capture, and use --exact meanwhile"
+            f"--check: the volume's relative error is {error:.1e}, but expected at most {most:g}; "
+            "use --exact, and please report this capture to the authors"
         )
 
 

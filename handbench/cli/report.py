@@ -19,14 +19,16 @@ def run(options: argparse.Namespace) -> None:
         and not (options.out / "index.html").exists()
     ):
         raise HandbenchError(
-            f"{options.out}: holds files but no index.html, so it is no report; choose another -o"
+            f"{options.out}: is a folder with files but without index.html, so it is not a report "
+            "and is not overwritten; choose another folder for -o"
         )
     if len(options.results) == 1:
         print(f"report: {html.build(options.results[0], options.out, options.tradeoff)}")
         return
     if options.tradeoff is not None:
         raise HandbenchError(
-            "--tradeoff: belongs to one result; leave it out, or report that result by itself"
+            "--tradeoff: works with one result folder only; leave --tradeoff out, or report each "
+            "result separately"
         )
     results = [load(folder) for folder in options.results]
     print(f"report: {leaderboard.build(results, *rank_methods(results), options.out)}")

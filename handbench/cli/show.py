@@ -60,14 +60,16 @@ def run(options: argparse.Namespace) -> None:
 
     if options.paper or (options.out is not None and options.out.suffix.lower() == ".toml"):
         raise HandbenchError(
-            f"{path}: is neither target nor board; --paper and -o FILE.toml are for these"
+            f"{path}: is neither a target nor a board; use --paper and -o FILE.toml only with these"
         )
     out = options.out or Path(path.resolve().name).with_suffix(
         ".html" if options.turned else ".png"
     )
     free(out, options.overwrite)
     if options.turned != (out.suffix == ".html"):
-        raise HandbenchError(f"-o: is {out}; expected a picture, or with --3d a page, .html")
+        raise HandbenchError(
+            f"-o: is {out}; expected a picture file such as .png, or a page .html with --3d"
+        )
     if options.turned:
         write_text(out, page(path.name, *_surface(path)))
     else:
@@ -87,7 +89,7 @@ def _drawing(options: argparse.Namespace) -> None:
 
     path: Path = options.path
     if options.turned:
-        raise HandbenchError(f"{path}: has no surface to turn; leave out --3d")
+        raise HandbenchError(f"{path}: a drawing cannot be turned in 3D; leave out --3d")
     out = options.out or Path(path.name).with_suffix(".pdf")
     check_suffix(out, (".svg", ".pdf", ".toml"))
     free(out, options.overwrite)
@@ -124,7 +126,7 @@ def _described(path: Path) -> tuple[Target | Board, str]:
         return stand_board(), "Board of the simulated stand, built in"
     values = read_toml(path, "board.toml or target.toml") if path.is_file() else {}
     if not values.keys() & {"element", "marker", "charuco"}:
-        raise HandbenchError(f"{path}: is nothing that can be shown; expected {KNOWN}")
+        raise HandbenchError(f"{path}: cannot be shown; expected {KNOWN}")
     name = "".join(c if c.isprintable() else "?" for c in path.name)  # it goes to the terminal too
     name = name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 3]}..."
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:SHA_DIGITS]
@@ -152,7 +154,7 @@ def _folder(path: Path) -> Figure:
     with matplotlib.rc_context(STYLE):
         for picture in pictures:
             return picture.figure
-    raise HandbenchError(f"{path}: is nothing that can be shown; expected {KNOWN}")
+    raise HandbenchError(f"{path}: cannot be shown; expected {KNOWN}")
 
 
 def _arrays(path: Path) -> dict[str, Any]:
@@ -171,7 +173,8 @@ def _arrays(path: Path) -> dict[str, Any]:
     wrong = [name for name, values in found.items() if values.shape != shapes[name]]
     if wrong or not ("z_m" in found or {"error_m", "reference_z_m"} <= found.keys()):
         raise HandbenchError(
-            f"{path}: {', '.join(wrong) or 'z_m'} is missing, or does not fit x_m and y_m"
+            f"{path}: {', '.join(wrong) or 'z_m'} is missing or has a shape that does not fit x_m "
+            "and y_m; make the file again"
         )
     return found
 
@@ -229,7 +232,8 @@ def _mesh(path: Path) -> Figure:
             } | SIGMAS
             sigma_layers = [replace(layers[0], title="its own uncertainty", **sigmas)]
     invented = (
-        f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices invented"
+        f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices filled in where no "
+        "photograph saw the surface"
         if not mesh.observed.all()
         else ""
     )
@@ -279,7 +283,8 @@ def _frames(path: Path) -> Figure:
     }
     if not placed:
         raise HandbenchError(
-            f"{path}: its cameras have no poses (R, t), so that there is nothing to draw"
+            f"{path}: no camera in it has a pose (R and t), so there is nothing to draw; name a "
+            "file of cameras with poses"
         )
     frames = {name: np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) for name, pose in placed.items()}
     return frames_figure(f"{path.name}: {len(frames)} cameras", frames, np.empty(0))
@@ -335,7 +340,8 @@ def _surface(path: Path) -> tuple[str, SurfaceMap, str]:
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:
         raise HandbenchError(
-            f"{path}: has no surface to turn; --3d is for depth maps, meshes, captures with one"
+            f"{path}: has no surface to show in 3D; leave out --3d, or name a depth map, a mesh "
+            "or a capture with a mesh"
         )
     frame, sensor, signs = _seen_from(mesh)
     mesh = replace(mesh, vertices_m=mesh.vertices_m * signs)

@@ -24,8 +24,8 @@ def run(options: argparse.Namespace) -> None:
     if _is_benchmark(options.scene):
         if options.explain or options.frames > 1 or options.out is None:
             raise HandbenchError(
-                "simulate: a benchmark takes -o DIR, without --explain and --frames; name a "
-                "scene file"
+                "simulate: a benchmark needs -o DIR and accepts neither --explain nor --frames; "
+                "add -o DIR and leave these out, or name a scene file"
             )
         count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
         print(f"{count} capture{'s' * (count > 1)}: handbench run {options.out / BENCH} -o RESULT")
@@ -36,7 +36,9 @@ def run(options: argparse.Namespace) -> None:
         show(choices(scene, explain=True) + photographs)
         return
     if options.out is None:
-        raise HandbenchError("-o: is missing; name a capture folder, or use only --explain")
+        raise HandbenchError(
+            "-o: is missing; add -o DIR for the capture folder, or use --explain without it"
+        )
     free_folder(options.out, options.overwrite, WRITTEN)
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
     say(f"capture: {options.out}")

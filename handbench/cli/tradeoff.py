@@ -37,7 +37,8 @@ def run(options: argparse.Namespace) -> None:
     )
     if (error_mm or seconds) and sections is not None and "imaging" not in sections:
         raise HandbenchError(
-            "--max-mae, --max-time: choose among imaging settings; add imaging to --sections"
+            "--max-mae, --max-time: choose among the settings of section 'imaging', which "
+            "--sections leaves out; add imaging to --sections"
         )
     bench, base = load_benchmark(options.bench)
     found = sweep(bench, base, options.out, sections, options.overwrite)

@@ -78,7 +78,7 @@ class Sources:
     def _read(self, name: str) -> _Module:
         file = self._file(name)
         if file is None:
-            raise ModuleNotFoundError(f"{name}: is no module below {self.root}")
+            raise ModuleNotFoundError(f"{name}: there is no such module in {self.root}")
         source = file.read_bytes()
         names = _imported(source, name if file.name == "__init__.py" else name.rpartition(".")[0])
         ours = frozenset(passed for n in names for passed in self._passed(n))

@@ -60,8 +60,8 @@ def compile_once(module: str, *kernels: Any) -> None:
                 child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]
             ).returncode:
                 say(
-                    "the kernels were not compiled beforehand: the last bits of results may "
-                    "differ from a later run's"
+                    "the kernels could not be compiled in advance, so they are compiled now; "
+                    "results may differ in the last bits from those of a later run"
                 )
 
 

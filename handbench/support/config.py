@@ -39,9 +39,9 @@ MEANINGS = {  # word of a name: other words for it
     "plastic": "pla abs",
 }
 SYNONYMS = {other: word for word, others in MEANINGS.items() for other in others.split()}
-UNITS = {  # ending of a key: factor from another unit → the question
-    "_hz": {1e9: "gigahertz", 1e6: "megahertz", 1e-3: "a thousand times too much"},
-    "_m": {1e-3: "millimetres"},
+UNITS = {  # ending of a key: factor from another unit → what may be wrong
+    "_hz": {1e9: "in gigahertz", 1e6: "in megahertz", 1e-3: "a thousand times too much"},
+    "_m": {1e-3: "in millimetres"},
 }
 HIGH_HZ = 1e12  # a higher guess is none
 
@@ -98,7 +98,8 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
         # telling them apart takes a thousand times what finding them does
         if error.error_count() > MOST_PROBLEMS:
             message = (
-                f"{where}: {error.error_count()} of its values are wrong; is it the right file?"
+                f"{where}: {error.error_count()} of its values are wrong; check that it is the "
+                "right file"
             )
             raise HandbenchError(message) from None
         problems = error.errors()
@@ -131,7 +132,7 @@ def plain_toml(text: str) -> dict[str, Any]:
     """Return the content of a TOML text as plain values. Raises ValueError for text that is invalid
     or too deeply nested (for some deep nesting RecursionError)."""
     if LONG_KEY.search(text):
-        raise ValueError("a key has too many parts")
+        raise ValueError("a key has too many parts (32 or more, separated by points)")
     return require_shallow(tomllib.loads(text))
 
 
@@ -178,7 +179,7 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
     try:
         got = repr(given)
     except RecursionError:
-        got = "nested without end"
+        got = "a list or table nested without end"
     got = got if len(got) < 80 else got[:77] + "..."
     message = message.removeprefix("Value error, ")
     hint = suggest(str(given), re.findall("'([^']*)'", bounds.get("expected", "")))
@@ -189,15 +190,15 @@ def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] =
 
 
 def _unit_hint(key: str, value: Any, bounds: dict[str, Any]) -> str:
-    """Return a question whether a length or frequency outside its bounds was given in another unit,
-    if it would be within the bounds in that unit; "" otherwise.
+    """Return a hint that a length or frequency outside its bounds may be in another unit, if it
+    would be within the bounds in that unit; "" otherwise.
     key: name of the value. bounds: allowed range from pydantic's error, "ge" and "le"."""
     low, high = bounds.get("ge", -HIGH_HZ), min(bounds.get("le", HIGH_HZ), HIGH_HZ)
     if bounds.keys() & {"ge", "le"} and isinstance(value, int | float):
         for ending, units in UNITS.items():
             for factor, unit in units.items() if key.endswith(ending) else ():
                 if low <= factor * value <= high:
-                    return f": is that {unit}? multiply it by {factor:g}"
+                    return f"; if that is {unit}, multiply it by {factor:g}"
     return ""
 
 
@@ -245,10 +246,14 @@ def checked_name(name: str) -> str:
         or any(part in name for part in ("/", "\\", "__"))
     )
     if len(name) <= 80 and (size := len(name.encode("utf-8", "replace"))) > NAME_BYTES:
-        raise ValueError(f"takes {size} bytes as a file's name; use {NAME_BYTES} at most")
+        raise ValueError(
+            f"is a name of {size} bytes; use at most {NAME_BYTES} bytes, because files are named "
+            "after it"
+        )
     if unfit or not 1 <= len(name) <= 80:
         raise ValueError(
-            f"{name[:80]!r} cannot name a file; use 1 to 80 letters, digits, '-' and single '_'"
+            f"{name[:80]!r} cannot be the name of a file; use 1 to 80 letters, digits, '-' and "
+            "single '_'"
         )
     return name
 

@@ -156,10 +156,8 @@ def require_memory(needed_bytes: float, what: str) -> None:
     if needed_bytes > limit:
         coarser = (needed_bytes / limit) ** (1 / 3)
         raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of "
-            f"{limit / 1e9:.3g} GB; steps "
-            f"{coarser:.2g} times larger would fit, a depth map without --volume needs less, or "
-            "raise "
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} "
+            f"GB; make the grid's steps {coarser:.2g} times larger, leave out --volume, or raise "
             "HANDBENCH_MEMORY_GB"
         )
 
@@ -183,13 +181,14 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
     )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {duration}, more than {hours:g} h; ask for less (fewer "
-            "points, tones or pixels; are all lengths in metres?), or raise HANDBENCH_HOURS"
+            f"{what}: would take about {duration}, more than the limit of {hours:g} h; use fewer "
+            "points, tones or pixels, check that all lengths are in metres, or raise "
+            "HANDBENCH_HOURS"
         )
     if bytes_ is not None:
-        say(f"predicted: about {duration} and {bytes_ / 1e9:.1f} GB ({what})")
+        say(f"this will take about {duration} and {bytes_ / 1e9:.1f} GB ({what})")
     elif seconds > ANNOUNCED_S:
-        say(f"{what}: about {duration}")
+        say(f"{what}: this will take about {duration}")
 
 
 def setting(name: str, default: float, unit: str) -> float:
@@ -203,7 +202,7 @@ def setting(name: str, default: float, unit: str) -> float:
         value = 0.0
     if not value > 0:
         raise HandbenchError(
-            f"{name}: is '{wanted}'; expected a positive number of {unit}, or nothing"
+            f"{name}: is '{wanted}'; set it to a positive number of {unit}, or unset it"
         )
     return value
 
@@ -214,6 +213,6 @@ def require_free(needed_bytes: float, what: str, advice: str) -> None:
     free = psutil.virtual_memory().available
     if needed_bytes > free:
         raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB, and {free / 1e9:.3g} GB of memory are "
-            f"free; {advice}"
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB of memory, but only {free / 1e9:.3g} GB "
+            f"are free; {advice}"
         )

@@ -24,7 +24,7 @@ import numpy as np
 from handbench.support import limits
 from handbench.support.errors import HandbenchError
 
-UNCHANGED = "nothing was changed: free the space or choose another place"
+UNCHANGED = "nothing was changed; free space on the disk, or choose another place"
 NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -92,12 +92,12 @@ def _replace_folder(new: Path, path: Path) -> None:
     An existing folder at `path` is first moved aside; it is then deleted, or moved back if renaming
     fails. Raises NotADirectoryError if `path` is a file or a link."""
     if path.is_symlink():
-        raise NotADirectoryError(errno.ENOTDIR, "a link is in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a link has the folder's name")
     if not path.exists():
         os.replace(new, path)
         return
     if not path.is_dir():
-        raise NotADirectoryError(errno.ENOTDIR, "a file is in the folder's place")
+        raise NotADirectoryError(errno.ENOTDIR, "a file has the folder's name")
     aside = new.with_name(f"{new.name}-old")
     # refuses the current folder and mount points, where deleting first would empty them
     os.replace(path, aside)
@@ -132,7 +132,8 @@ def require_size(path: Path, what: str, most: int) -> int:
     size = path.stat().st_size
     if size > most:
         raise HandbenchError(
-            f"{path}: has {size} bytes; expected {what}, {most} at most: is it the right file?"
+            f"{path}: has {size} bytes, too many for {what} (at most {most}); check that it is "
+            "the right file"
         )
     return size
 
@@ -158,7 +159,7 @@ def read_text(path: str | Path, what: str, most: int) -> str:
     HandbenchError for one that is missing, cannot be read, or has more than `most` bytes."""
     content = read_bytes(path, what, most)
     if is_utf_16(content):
-        raise ValueError("it is UTF-16; save it as UTF-8")
+        raise ValueError("the text is in UTF-16; save the file as UTF-8")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -178,7 +179,7 @@ def read_csv(path: str | Path, columns: Sequence[str]) -> list[tuple[int, list[s
         reader = csv.reader(io.StringIO(text, newline=""), skipinitialspace=True)
         return [(reader.line_num, row) for row in reader if row]
     except (ValueError, csv.Error) as error:
-        raise HandbenchError(f"{path}: is no CSV file ({error}); expected {expected}") from None
+        raise HandbenchError(f"{path}: is not a CSV file ({error}); expected {expected}") from None
 
 
 def is_utf_16(content: bytes) -> bool:
@@ -228,12 +229,14 @@ def inside(folder: Path, name: str, where: str) -> Path:
         or len(name) > 1000
     ):
         raise HandbenchError(
-            f"{where}: '{name[:80]}…' is too long for a file's name; use a shorter one"
+            f"{where}: '{name[:80]}…' is too long for the name of a file; use a shorter name"
         )
     # which links in a circle do not stop
     target = Path(os.path.realpath(_stored(folder, name.replace("\0", ""))))
     if "\0" in name or not target.is_relative_to(folder.resolve()):
-        raise HandbenchError(f"{where}: '{name}' leaves the folder {folder}; use a path inside it")
+        raise HandbenchError(
+            f"{where}: '{name}' is outside the folder {folder}; use a path inside this folder"
+        )
     return target
 
 
@@ -283,7 +286,7 @@ def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
     nested or has more than `most` values (for some deep nesting RecursionError)."""
     # before they are made: a value takes a byte here, 60 in memory
     if sum(map(text.count, "[{,")) > most:
-        raise ValueError(f"it holds more than {most} values")
+        raise ValueError(f"it has more than {most} values")
     return limits.require_shallow(json.loads(text))
 
 
@@ -315,13 +318,14 @@ def read_npz(
         content = read_bytes(path, "an .npz file", most)
         # zipfile reads its list of them before it can be asked
         if content.count(b"PK\1\2") > limits.MOST_MEMBERS:
-            raise ValueError(f"it has more than {limits.MOST_MEMBERS} members")
+            raise ValueError(f"it has more than {limits.MOST_MEMBERS} arrays")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             missing = [name for name in names if name not in there]
             if missing:
                 raise HandbenchError(
-                    f"{path}: lacks {', '.join(missing)}; expected {', '.join(names)}"
+                    f"{path}: has no {', '.join(missing)}; expected arrays named "
+                    f"{', '.join(names)}; make the file again"
                 )
             wanted = [name for name in (*names, *optional) if name in there]
             if {there[name].compress_type for name in wanted} - {
@@ -329,16 +333,19 @@ def read_npz(
                 zipfile.ZIP_DEFLATED,
             }:
                 # others unpack without a limit
-                raise ValueError("a member is packed in another way than by deflate")
+                raise ValueError(
+                    "it is compressed by a method other than deflate; numpy.savez_compressed uses "
+                    "deflate"
+                )
             size = sum(there[name].file_size for name in wanted)
             if size > most:
-                raise ValueError(f"its arrays take {size} bytes; at most {most} are read")
+                raise ValueError(f"its arrays take {size} bytes, more than the limit of {most}")
             return {name: _member(archive, there[name]) for name in wanted}
     except HandbenchError:
         raise
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
         raise HandbenchError(
-            f"{path}: is not a readable .npz file ({error}); write it again"
+            f"{path}: is not a readable .npz file ({error}); make the file again"
         ) from error
 
 
@@ -354,7 +361,9 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
     start = stream.tell()
     version = np.lib.format.read_magic(stream)
     if version not in NPY_HEADERS:
-        raise ValueError(f"its arrays are in version {version} of numpy's format")
+        raise ValueError(
+            f"its arrays are in version {version} of numpy's file format, which is unknown"
+        )
     shape, _, dtype = NPY_HEADERS[version](stream)
     if (
         dtype.hasobject
@@ -362,7 +371,8 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
         or math.prod(shape) * dtype.itemsize > room_bytes
     ):
         raise ValueError(
-            f"an array says that it is {dtype} {shape}, but {room_bytes} bytes are there"
+            f"an array is {dtype} of shape {shape} by its header, but the file has only "
+            f"{room_bytes} bytes for it"
         )
     stream.seek(start)
     return np.lib.format.read_array(stream, allow_pickle=False)
@@ -387,7 +397,10 @@ def content_hash(*parts: Any) -> str:
                 part, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)
             ) as stream:
                 if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                    raise HandbenchError(f"{part}: is not a readable file; put one there")
+                    raise HandbenchError(
+                        f"{part}: is not a regular file (it may be a device or pipe); replace it "
+                        "by a file"
+                    )
                 digest.update(hashlib.file_digest(stream, "sha256").digest())
         elif isinstance(part, np.ndarray):
             digest.update(
@@ -407,7 +420,8 @@ def _files_below(folder: Path) -> Iterator[Path]:
                 path.is_file() and path.resolve().is_relative_to(folder.resolve())
             ):
                 raise HandbenchError(
-                    f"{path}: is a link that leads to no file inside {folder}; put the file there"
+                    f"{path}: is a link to something outside {folder} or to nothing; replace the "
+                    "link by the file itself"
                 )
             if not stat.S_ISDIR(kind):
                 yield path
@@ -419,8 +433,8 @@ def _json_like(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(
-        f"content_hash: cannot distinguish values of {type(value).__name__}; give plain values or "
-        "arrays"
+        f"content_hash: cannot hash a value of type {type(value).__name__}; give numbers, texts, "
+        "lists, tables or arrays"
     )
 
 

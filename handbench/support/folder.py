@@ -19,7 +19,7 @@ from handbench.support.files import writable
 
 MARKER, WORK = ".handbench-run", "work"
 PART_BYTES = 2**22
-ADVICE = "free the space or choose another -o"
+ADVICE = "free space on the disk, or choose another folder for -o"
 
 
 def require_owned(path: Path) -> os.stat_result | None:
@@ -40,11 +40,12 @@ def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     elif not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
         what = "neither a file nor a folder"
     elif os.geteuid() not in (0, found.st_uid):
-        what = f"another user's (number {found.st_uid})"
+        what = f"a file or folder of another user (user ID {found.st_uid})"
     else:
         return
     raise HandbenchError(
-        f"{path}: is {what}, which no run wrote; it stays unchanged: remove it or choose another -o"
+        f"{path}: is {what}, so handbench did not write it and does not change it; remove it, or "
+        "choose another folder for -o"
     )
 
 
@@ -117,12 +118,13 @@ def locked(folder: Path) -> Iterator[Path]:
     """
     if folder.exists() and not folder.is_dir():
         raise HandbenchError(
-            f"{folder}: is a file; expected a folder for the results: choose another -o"
+            f"{folder}: is a file, but the results need a folder; choose another folder for -o"
         )
     there = sorted(folder.iterdir()) if folder.is_dir() else []
     if there and folder / MARKER not in there:
         raise HandbenchError(
-            f"{folder}: holds files that no run wrote; choose an empty or new folder for -o"
+            f"{folder}: has files that handbench did not write; choose an empty or new folder for "
+            "-o"
         )
     work = folder / WORK
     with writable(folder, ADVICE):
@@ -140,7 +142,8 @@ def locked(folder: Path) -> Iterator[Path]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise HandbenchError(
-                f"{folder}: another run is writing here; wait for it or choose another -o"
+                f"{folder}: another run is writing into this folder; wait until it ends, or "
+                "choose another folder for -o"
             ) from None
         for path in sorted(work.iterdir()):
             if path.name.startswith(".") and "-" in path.name:

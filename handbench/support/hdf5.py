@@ -52,7 +52,7 @@ def _check_heaps(content: mmap.mmap) -> None:
             number, _, _, size = struct.unpack("<HHIQ", content[place : place + 16])
             place += size if number == 0 else 16 + (size + 7) // 8 * 8
             if number == 0 and size == 0:
-                raise ValueError("a heap of texts in it is broken")
+                raise ValueError("its storage of texts (an HDF5 heap) is damaged")
         at = content.find(HEAP, at + 8)
 
 
@@ -99,16 +99,17 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     import h5py
 
     if (found := local_item(file, name)) is None:
-        raise ValueError(f"has no '{name[:200]}' inside the file itself")
+        raise ValueError(f"'{name[:200]}' is missing (links to other files are not followed)")
     if not isinstance(found, h5py.Dataset) or found.external or found.is_virtual:
-        raise ValueError(f"'{name[:200]}' is no data set of this file")
+        raise ValueError(f"'{name[:200]}' is not a data set stored in this file")
     if found.dtype.hasobject or found.shape is None:
-        raise ValueError(f"'{name}' holds {str(found.dtype)[:80]}; expected numbers")
+        raise ValueError(f"'{name}' has values of type {str(found.dtype)[:80]}; expected numbers")
     size = found.size * found.dtype.itemsize
     stored = min(found.id.get_storage_size(), path.stat().st_size)
     if size > (stored if found.chunks is None else max(UNPACKED_BYTES, PACKED * stored)):
         raise ValueError(
-            f"'{name}' has shape {found.shape}, {size} bytes, of which the file holds {stored}"
+            f"'{name}' has shape {found.shape} and {size} bytes by its header, but the file has "
+            f"only {stored} bytes for it"
         )
     if found.chunks is not None:
         _check_pieces(found, name)
@@ -127,18 +128,25 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
     unknown compression."""
     if -(-found.size // max(int(np.prod(found.chunks)), 1)) > CHUNKS:
         raise ValueError(
-            f"'{name}' has shape {found.shape} in pieces of {found.chunks}; expected larger pieces"
+            f"'{name}' has shape {found.shape} in chunks of {found.chunks}, which are too many; "
+            "use larger chunks"
         )
     packing = found.id.get_create_plist()
     packed = [packing.get_filter(k)[0] for k in range(packing.get_nfilters())]
     if not set(packed) <= FILTERS.keys() or len(set(packed)) < len(packed):
-        raise ValueError(f"'{name}' is packed in a way other than {', '.join(FILTERS.values())}")
+        raise ValueError(
+            f"'{name}' is compressed by a filter that is not allowed; use "
+            f"{', '.join(FILTERS.values())}, each once"
+        )
     declared = int(np.prod(found.chunks)) * found.dtype.itemsize
     pieces: list[Any] = []
     found.id.chunk_iter(pieces.append)
     for piece in pieces:
         if piece.size > 2 * declared + 1024:
-            raise ValueError(f"a piece of '{name}' takes {piece.size} bytes for {declared}")
+            raise ValueError(
+                f"a chunk of '{name}' takes {piece.size} bytes, too many for {declared} bytes of "
+                "values"
+            )
         # the mask's are left out
         deflated = DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1
         if deflated and piece.size * PACKED > UNPACKED_BYTES:
@@ -146,6 +154,8 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
             try:
                 unpacked = len(zlib.decompressobj().decompress(content, declared + 5))
             except zlib.error as error:
-                raise ValueError(f"a piece of '{name}' cannot be unpacked ({error})") from None
+                raise ValueError(f"a chunk of '{name}' cannot be decompressed ({error})") from None
             if unpacked > declared + 4:  # and a checksum
-                raise ValueError(f"a piece of '{name}' unpacks to more than its {declared} bytes")
+                raise ValueError(
+                    f"a chunk of '{name}' decompresses to more than its {declared} bytes"
+                )

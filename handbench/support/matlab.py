@@ -27,7 +27,7 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
     (ARRAY_BYTES)."""
     content = memoryview(read_bytes(path, "a MATLAB file", ARRAY_BYTES))
     if (order := ORDERS.get(bytes(content[HEADER - 4 : HEADER]))) is None:
-        raise ValueError("it does not begin as HDF5 does, nor as MATLAB's -v6 and -v7")
+        raise ValueError("it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7")
     found, left = dict[str, np.ndarray](), ARRAY_BYTES
     try:
         for number, (kind, element) in enumerate(_elements(content[HEADER:], order)):
@@ -37,8 +37,8 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
                 kind, element = next(_elements(unpacked, order))
             if left < 0 or number > MOST_MEMBERS:
                 raise ValueError(
-                    f"more than {ARRAY_BYTES} bytes unpacked, or {MOST_MEMBERS} variables; save "
-                    "-v7.3"
+                    f"it has more than {ARRAY_BYTES} bytes of values or {MOST_MEMBERS} variables; "
+                    "save it with -v7.3"
                 )
             if kind == MATRIX:
                 found |= _array(element, order)
@@ -51,7 +51,7 @@ def read_matlab(path: Path) -> dict[str, np.ndarray]:
         struct.error,
         zlib.error,
     ) as error:
-        raise ValueError(f"a variable is broken: {error}") from None
+        raise ValueError(f"a variable in it is damaged: {error}") from None
     return found
 
 

@@ -31,7 +31,7 @@ def workers() -> int:
     wanted = os.environ.get("HANDBENCH_WORKERS", "")
     if wanted and not (wanted.isdigit() and int(wanted)):
         raise HandbenchError(
-            f"HANDBENCH_WORKERS: is '{wanted}'; expected a whole number of threads, or nothing"
+            f"HANDBENCH_WORKERS: is '{wanted}'; set it to a whole number of threads, or unset it"
         )
     return int(wanted) if wanted else len(os.sched_getaffinity(0))
 

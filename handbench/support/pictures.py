@@ -91,16 +91,22 @@ def _require_plausible(image: Image.Image, content: bytes) -> None:
     ):
         dimensions = f"it has {image.width} × {image.height} pixels in {size} bytes"
         raise ValueError(
-            f"{dimensions}; at most {LARGEST_PX} are read, and above {SMALL_PX} at most "
-            f"{dense_px // size} a byte"
+            f"{dimensions}, too many; at most {LARGEST_PX} pixels are read, and above {SMALL_PX} "
+            f"pixels at most {dense_px // size} per byte"
         )
     if image.format in ("JPEG", "MPO") and (scans := _scans(content)) > MOST_SCANS:
-        raise ValueError(f"it has {scans} scans; at most {MOST_SCANS} are read: save it again")
+        raise ValueError(
+            f"it has {scans} scans, more than the limit of {MOST_SCANS}; save it again as a plain "
+            "JPEG"
+        )
     sides = [getattr(image, "tag_v2", {}).get(tag, 1) for tag in (322, 323)]  # TIFF's
     if not all(isinstance(side, int) for side in sides) or sides[0] * sides[1] > max(
         SMALL_PX, pixels
     ):
-        raise ValueError(f"its tiles have {' × '.join(map(str, sides))} pixels; save it again")
+        raise ValueError(
+            f"its tiles of {' × '.join(map(str, sides))} pixels are too large; save it again "
+            "without tiles"
+        )
 
 
 def _scans(content: bytes) -> int:
@@ -121,5 +127,5 @@ def _scans(content: bytes) -> int:
             else start + int.from_bytes(content[start : start + 2], "big")
         )
     else:
-        raise ValueError(f"it has more than {MOST_MARKERS} markers; save it again")
+        raise ValueError(f"it has more than {MOST_MARKERS} JPEG markers; save it again")
     return count

@@ -79,9 +79,9 @@ class Rays:
         far_m = float(np.abs(vertices_m).max(initial=0))
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
-                f"mesh: a vertex is {far_m:.3g} m from the origin; expected metres in the "
-                f"radar's frame, at most {FARTHEST_M:g}: beyond, single precision cannot separate "
-                "a surface from one that hides it"
+                f"mesh: a vertex is {far_m:.3g} m from the origin of the radar frame, but ray "
+                f"casting in single precision is exact enough only up to {FARTHEST_M:g} m; check "
+                "that the mesh is in metres and in the radar frame"
             )
         self._scene = embree(vertices_m, faces)
 

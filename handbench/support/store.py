@@ -108,7 +108,7 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
     if is_owned_folder(folder):
         if (wrong := changed(folder)) is None:
             return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
-        say(f"{folder}: {wrong}; it is made again")
+        say(f"{folder}: {wrong}, so this step is computed again")
     say(f"{stage.label} ...")
     machine = calibrated_machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
@@ -129,14 +129,14 @@ def changed(folder: Path) -> str | None:
     except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
         expected = {}
     if STAMP not in expected:  # which every list that is ours names
-        return f"its {MANIFEST} is missing or broken"
+        return f"the file {MANIFEST} is missing or damaged"
     found = _checksums(folder)
     wrong = sorted(name for name in expected if expected[name] != found.get(name))
     if not wrong:
         return None
     return (
-        f"{wrong[0]}{f' and {len(wrong) - 1} more' if len(wrong) > 1 else ''} differs from "
-        "what was made (checksum)"
+        f"{wrong[0]}{f' and {len(wrong) - 1} more' if len(wrong) > 1 else ''} changed since it "
+        "was written (its checksum differs)"
     )
 
 

@@ -64,7 +64,8 @@ class AntennaArray:
         if measured is not None and (measured.shape != self.channels or not measured.any()):
             found = f"{np.count_nonzero(measured)} pairs of {measured.shape}"
             raise HandbenchError(
-                f"measured: {found}; expected some of {self.channels}: is anything left?"
+                f"measured: has {found}; expected at least one measured pair in an array of shape "
+                f"{self.channels} (transmitters, receivers)"
             )
         if measured is not None and measured.all():
             object.__setattr__(self, "measured", None)
@@ -124,7 +125,8 @@ class BistaticScan:
         object.__setattr__(self, "rx_m", positions("rx_m", self.rx_m))
         if len(self.tx_m) != len(self.rx_m):
             raise HandbenchError(
-                f"rx_m: has {len(self.rx_m)} places; expected one for each of {len(self.tx_m)} tx_m"
+                f"rx_m: has {len(self.rx_m)} positions, but tx_m has {len(self.tx_m)}; give one "
+                "receiver position for each transmitter position"
             )
 
     @property
@@ -189,22 +191,26 @@ def load_positions(path: str | Path) -> np.ndarray:
     rows = [row for _, row in read_csv(path, columns)]
     if not rows or rows[0] != columns:
         raise HandbenchError(
-            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m, then three "
-            "numbers a line, separated by commas and with decimal points"
+            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m, and below it "
+            "lines of three numbers separated by commas, with decimal points"
         )
     if wrong := [row for row in rows if len(row) != 3]:
         raise HandbenchError(
-            f"{path}: the line {','.join(wrong[0])[:80]} has {len(wrong[0])} values; expected x, y "
-            "and z, separated by commas and with decimal points"
+            f"{path}: the line {','.join(wrong[0])[:80]} has {len(wrong[0])} values; expected x, "
+            "y and z, separated by commas and with decimal points"
         )
     if len(rows) > MOST_ANTENNAS + 1:
         raise HandbenchError(
-            f"{path}: holds {len(rows) - 1} antennas; expected at most {MOST_ANTENNAS}"
+            f"{path}: has {len(rows) - 1} antennas, more than the limit of {MOST_ANTENNAS}; "
+            "remove some"
         )
     try:
         return positions(str(path), np.array(rows[1:], dtype=np.float64))
     except ValueError as error:
-        raise HandbenchError(f"{path}: holds something that is no number ({error})") from None
+        raise HandbenchError(
+            f"{path}: a value is not a number ({error}); write x, y and z in metres with decimal "
+            "points"
+        ) from None
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:
@@ -214,15 +220,15 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
     found = np.asarray(values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(
-            f"{name}: is {found.dtype} of shape {found.shape}; expected a list of "
-            "real numbers, frequencies in hertz"
+            f"{name}: is {found.dtype} of shape {found.shape}; expected a list of real numbers, "
+            "the frequencies in hertz"
         )
     if len(wrong := found[~((found > 0) & (found <= HIGHEST_HZ))]):
         expected = (
-            f"expected positive hertz, at most {HIGHEST_HZ:g}: another unit? multiply "
-            "them, as by 1e-3"
+            f"expected frequencies above 0 and at most {HIGHEST_HZ:g} Hz; if the unit is not "
+            "hertz, convert the numbers"
         )
-        raise HandbenchError(f"{name}: holds {wrong[0]}; {expected}")
+        raise HandbenchError(f"{name}: has the value {wrong[0]}; {expected}")
     return found.astype(np.float64)
 
 
@@ -232,17 +238,17 @@ def positions(name: str, values: ArrayLike) -> np.ndarray:
     given = np.asarray(values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
         raise HandbenchError(
-            f"{name}: has shape {given.shape}; expected [n, 3] positions in metres, numbers"
+            f"{name}: has shape {given.shape} of type {given.dtype}; expected numbers of shape "
+            "[n, 3], the positions in metres"
         )
     values = np.ascontiguousarray(given, np.float64)
     if not np.isfinite(values).all():
         raise HandbenchError(
-            f"{name}: holds NaN or infinity; every antenna and point needs a position in metres"
+            f"{name}: has NaN or infinite values; give each antenna and point a position in metres"
         )
     if np.abs(values).max() > FARTHEST_M:
         raise HandbenchError(
-            f"{name}: reaches {np.abs(values).max():.3g} m; expected metres, at most "
-            f"{FARTHEST_M:g}: beyond, float64 "
-            "cannot tell a wave's phase"
+            f"{name}: has a coordinate of {np.abs(values).max():.3g} m, but float64 resolves the "
+            f"phase of a wave only up to {FARTHEST_M:g} m; check that the unit is metres"
         )
     return values

@@ -42,11 +42,12 @@ class RadarCapture:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
         if not SPEED_OF_LIGHT_M_S / SLOWEST <= self.wave_speed_m_s <= SPEED_OF_LIGHT_M_S:
             raise HandbenchError(
-                f"wave_speed_m_s: is {self.wave_speed_m_s:g}; expected 1/{SLOWEST} to 1 of vacuum's"
+                f"wave_speed_m_s: is {self.wave_speed_m_s:g} m/s; expected 1/{SLOWEST} to 1 times "
+                f"the speed of light in vacuum, {SPEED_OF_LIGHT_M_S:g} m/s"
             )
         if "\0" in self.source + self.licence:
             raise HandbenchError(
-                "source, licence: hold a NUL, which no file's text may; leave it out"
+                "source, licence: one of these texts has a NUL character; remove it"
             )
         expected = (len(self.frequencies_hz), *self.aperture.channels)
         if (
@@ -56,15 +57,14 @@ class RadarCapture:
         ):
             raise HandbenchError(
                 f"samples: have shape {self.samples.shape}; expected [frame, "
-                f"{', '.join(map(str, expected))}] "
-                "from the numbers of frequencies and antennas"
+                f"{', '.join(map(str, expected))}] from the numbers of frequencies and antennas"
             )
         bad = int(np.count_nonzero(~np.isfinite(self.samples)))
         if bad:
             first = tuple(int(i) for i in np.argwhere(~np.isfinite(self.samples))[0])
             raise HandbenchError(
-                f"samples: {bad} of {self.samples.size} are NaN or infinite, the first at {first}; "
-                "repair or leave out the capture"
+                f"samples: {bad} of {self.samples.size} are NaN or infinite, the first at index "
+                f"{first}; repair these samples, or leave the capture out"
             )
 
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -87,16 +87,15 @@ class RadarCapture:
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
             low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
             raise HandbenchError(
-                f"frequencies: the method asks for {wanted[worst] / 1e9:.4f} GHz, but the "
-                "capture has "
-                f"{len(self.frequencies_hz)} tones in {low:.4f}–{high:.4f} GHz, the nearest "
-                f"{off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
+                f"frequencies: the method needs a tone at {wanted[worst] / 1e9:.4f} GHz, but the "
+                f"nearest of the capture's {len(self.frequencies_hz)} tones ({low:.4f}–{high:.4f} "
+                f"GHz) is {off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
-                f"frequencies: two of the {len(wanted)} tones asked for fall on the same "
-                "measured tone of "
-                f"{len(self.frequencies_hz)}; choose tones further apart"
+                f"frequencies: two of the method's {len(wanted)} tones have the same nearest tone "
+                f"among the capture's {len(self.frequencies_hz)}; choose tones that are further "
+                "apart"
             )
         return self.samples[frame][index], self.frequencies_hz[index] * (
             SPEED_OF_LIGHT_M_S / self.wave_speed_m_s
@@ -109,7 +108,8 @@ def as_complex64(samples: np.ndarray) -> np.ndarray:
     largest = largest_part(samples)
     if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
         raise HandbenchError(
-            f"samples: reach {largest:.3g}; expected {QUIETEST:g} to {LOUDEST:g}: take another unit"
+            f"samples: the largest has the magnitude {largest:.3g}; expected {QUIETEST:g} to "
+            f"{LOUDEST:g}; multiply all samples by a constant"
         )
     return np.ascontiguousarray(samples, np.complex64)
 

@@ -47,7 +47,7 @@ class DepthMap:
         without p_gross and for `most` outside 0 to 1."""
         if self.p_gross is None:
             raise HandbenchError(
-                "the depth map has no p_gross, the probability of a gross error; make the map with "
+                "depth map: has no p_gross, the probability of a gross error; make the map with "
                 "handbench reconstruct"
             )
         if not 0 <= most <= 1:
@@ -74,23 +74,24 @@ class DepthMap:
             if found.shape != expected or found.dtype.kind != kind:
                 numbers = "real numbers" if kind == "f" else "bool"
                 raise HandbenchError(
-                    f"{where}: {name} is {found.dtype} {found.shape}; expected {numbers} "
-                    f"{expected} from y_m, x_m"
+                    f"{where}: {name} is {found.dtype} {found.shape}; expected {numbers} of shape "
+                    f"{expected}, the numbers of y_m and x_m; make the file again"
                 )
         for name in ("x_m", "y_m"):
             axis_m = getattr(self, name)
             sorted_ = (axis_m[1:] > axis_m[:-1]).all() or (axis_m[1:] < axis_m[:-1]).all()
             if not (sorted_ and (np.abs(axis_m) <= LONGEST_M).all()):
                 raise HandbenchError(
-                    f"{where}: {name} is not sorted, or not finite; expected the pixels' centres "
-                    f"in metres, each once, up to {LONGEST_M:g} m"
+                    f"{where}: {name} is not sorted, or has equal or infinite values; expected "
+                    f"the centres of the pixels in metres, in order, at most {LONGEST_M:g} m from "
+                    "0"
                 )
         for name, values in maps.items():
             wrong, usual = _impossible(name, values, np.isfinite(self.z_m))
             if wrong.any():
                 raise HandbenchError(
                     f"{where}: {name} is {values[wrong][0]:g} at {wrong.sum()} of {wrong.size} "
-                    f"pixels; expected {usual}"
+                    f"pixels (first value); expected {usual}; make the file again"
                 )
         return self
 
@@ -105,12 +106,16 @@ def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.nda
     description of valid values for the message). name: the field; seen [ny, nx]: True for pixels
     with a depth."""
     if name == "z_m":
-        return np.abs(values) > LONGEST_M, f"depths up to {LONGEST_M:g} m, and NaN off target"
+        return np.abs(values) > LONGEST_M, (
+            f"depths up to {LONGEST_M:g} m, or NaN where there is no depth"
+        )
     if name == "amplitude_db":
         return seen & ~(values < np.inf), "numbers where z_m has a depth"
     if name == "p_gross":
-        return (values < 0) | (values > 1), "probabilities from 0 to 1, and NaN off target"
-    return values < 0, "standard deviations from 0 on, and NaN off target"
+        return (values < 0) | (values > 1), (
+            "probabilities from 0 to 1, or NaN where there is no depth"
+        )
+    return values < 0, "standard deviations of 0 or more, or NaN where there is no depth"
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
@@ -123,7 +128,8 @@ def load_depthmap(path: str | Path) -> DepthMap:
         content["config"] = json.loads(str(content["config"]))
     except ValueError as error:
         raise HandbenchError(
-            f"{path}: config is not JSON ({error}); expected the method's configuration"
+            f"{path}: config is not JSON ({error}), but should be the settings of the method; "
+            "make the file again"
         ) from None
     return DepthMap(**content | {"method": str(content["method"])}).checked(path)
 
@@ -134,7 +140,7 @@ def amplitude_db(amplitude: np.ndarray) -> np.ndarray:
     peak = amplitude.max(initial=0.0)
     if not peak > 0:
         raise HandbenchError(
-            "echoes: the image is zero everywhere; the capture holds no echo to locate"
+            "echoes: the image is zero everywhere; use a capture whose echoes are not all zero"
         )
     with np.errstate(divide="ignore"):
         return (20 * np.log10(amplitude / peak)).astype(np.float32)

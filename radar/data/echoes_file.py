@@ -64,7 +64,7 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
             RuntimeError
         ) as error:  # HDF5's error for a disk that is full when the file is closed
             raise OSError(
-                "the library could not close the file; is there space left on the disk?"
+                "the HDF5 library could not close the file; check that the disk has free space"
             ) from error
 
 
@@ -98,8 +98,8 @@ def load_capture(path: str | Path) -> RadarCapture:
             version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
             if version is None:
                 raise HandbenchError(
-                    f"has format {found}; expected ('{FORMAT}', 1 or 2): set the file's attributes "
-                    "'format' and 'version'"
+                    f"has format {found}; expected ('{FORMAT}', 1 or 2), so set the file's "
+                    "attributes 'format' and 'version'"
                 )
             recording = _recording(file, path, version)
         return recording.capture()
@@ -107,7 +107,7 @@ def load_capture(path: str | Path) -> RadarCapture:
         raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise HandbenchError(
-            f"{path}: is not a readable echoes.h5 ({error}); record or copy it again"
+            f"{path}: is not a readable echoes.h5 ({error}); record or copy the file again"
         ) from error
 
 
@@ -141,8 +141,8 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     if (content := values.get(CALIBRATION)) is not None:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
             raise ValueError(
-                f"'{CALIBRATION}' holds {content.dtype} of shape {content.shape}, not a file's "
-                "bytes"
+                f"'{CALIBRATION}' has {content.dtype} values of shape {content.shape}; expected "
+                "the bytes of an array calibration"
             )
         about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
     samples, further = (
@@ -159,7 +159,7 @@ def _require_complete(file: "h5py.File", lacks: list[str]) -> None:
     if lacks:
         samples = local_item(file, "samples")
         shape = f" (samples have shape {samples.shape})" if hasattr(samples, "shape") else ""
-        raise HandbenchError(f"lacks {', '.join(lacks)}{shape}; add what is missing")
+        raise HandbenchError(f"has no {', '.join(lacks)}{shape}; add what is missing")
 
 
 def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
@@ -175,7 +175,9 @@ def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any])
     ):
         for name in names:
             if name not in those:
-                raise HandbenchError(f"unknown '{name[:80]}'; {suggest(name[:80], [*those])}")
+                raise HandbenchError(
+                    f"has an unknown item '{name[:80]}'; {suggest(name[:80], [*those])}"
+                )
     for name, values in CONVENTIONS.items():
         if (found := attributes[name]) not in values:
             raise HandbenchError(
@@ -195,6 +197,7 @@ def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
     values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
     if values.dtype.kind not in kinds:
         raise ValueError(
-            f"'{name}' holds {values.dtype}, no {'' if 'c' in kinds else 'real '}numbers"
+            f"'{name}' has values of type {values.dtype}; expected "
+            f"{'' if 'c' in kinds else 'real '}numbers"
         )
     return values

@@ -27,20 +27,20 @@ class Axis(Config):
     @model_validator(mode="after")
     def _ascending(self) -> "Axis":
         if self.stop_m < self.start_m:
-            raise ValueError("stop_m lies before start_m; swap them")
+            raise ValueError("stop_m is smaller than start_m; exchange the two")
         return self
 
     @model_validator(mode="after")
     def _bounded(self) -> "Axis":
         if self.count > MOST_ON_AXIS:
             raise ValueError(
-                f"step_m = {self.step_m:g} makes {self.count:.4g} samples of it; at most "
-                f"{MOST_ON_AXIS}: take a larger step_m"
+                f"step_m = {self.step_m:g} makes {self.count:.4g} points on this axis, more than "
+                f"{MOST_ON_AXIS}; take a larger step_m"
             )
         if 0 < self.stop_m - self.start_m < self.step_m:
             raise ValueError(
-                f"step_m = {self.step_m:g} is longer than the axis: is that millimetres? multiply "
-                "it by 0.001"
+                f"step_m = {self.step_m:g} is longer than the axis, stop_m − start_m; if it is in "
+                "millimetres, multiply it by 0.001"
             )
         return self
 
@@ -67,7 +67,8 @@ class GridConfig(Config):
         most = MOST_VOXELS if "z" in axes else MOST_PIXELS
         if count > most:
             raise ValueError(
-                f"axes {', '.join(axes)} make {count} points; at most {most}: take larger steps"
+                f"the axes {', '.join(axes)} make {count} points, more than {most}; take larger "
+                "steps"
             )
         return self
 
@@ -136,7 +137,8 @@ class VoxelGrid:
         for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
             if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
                 raise HandbenchError(
-                    f"{name}: is no ascending axis [n] of voxels; sort it, and the volume with it"
+                    f"{name}: is not an ascending axis of shape [n]; sort it, and the volume in "
+                    "the same order"
                 )
         positions("x_m, y_m or z_m", self.ends_m)
 

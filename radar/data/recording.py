@@ -55,7 +55,8 @@ class Recording:
             samples, missing = self._divided()
             if missing.all():
                 raise HandbenchError(
-                    "samples: no channel was measured; expected numbers, NaN where there are none"
+                    "samples: all are NaN, so no channel was measured; give numbers for the "
+                    "measured channels and NaN for the others"
                 )
             samples = as_complex64(np.where(missing, 0, samples) if missing.any() else samples)
         places_m = [positions(name, places) for name, places in self.places_m.items()]
@@ -84,11 +85,13 @@ class Recording:
             )
             axes = first + ", ".join(map(str, expected))
             raise HandbenchError(
-                f"samples: have shape {seen}; expected [{axes}] by frequencies and antennas"
+                f"samples: have shape {seen}; expected [{axes}] from the numbers of frequencies "
+                "and antennas"
             )
         if self.gains is not None and self.gains.shape not in (expected, channels):
             raise HandbenchError(
-                f"gains: have shape {self.gains.shape}; expected {channels}, or {expected} by tone"
+                f"gains: have shape {self.gains.shape}; expected {channels}, or {expected} with "
+                "gains for each tone"
             )
         if self.sweeps not in SWEEPS:
             raise HandbenchError(f"sweeps: is '{self.sweeps}'; expected {' or '.join(SWEEPS)}")
@@ -133,10 +136,11 @@ def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
     shapes = {capture.samples.shape[:2] for capture in captures}
     if len(arrays) < len(captures) or len(shapes) > 1:
         found = (
-            f"{len(arrays)} of {len(captures)} are arrays, of {sorted(shapes)} [frame, frequency]"
+            f"{len(arrays)} of {len(captures)} captures are of antenna arrays, with [frame, "
+            f"frequency] shapes {sorted(shapes)}"
         )
         raise HandbenchError(
-            f"array: {found}; expected arrays alone, and the same frames and tones of all"
+            f"array: {found}; expected only antenna arrays, all with the same frames and tones"
         )
     measured = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
     pairs = np.argwhere(block_diag(*measured)).T  # in the order of the arrays and of their pairs
@@ -165,7 +169,7 @@ def _of_pairs(
     require_free(
         8 * float(np.prod(shape)),
         f"samples: {shape}",
-        "end other programs, or cut the file into parts",
+        "close other programs, or cut the file into parts",
     )
     filled, measured = np.zeros(shape, np.complex64), np.zeros(shape[2:], bool)
     filled[:, :, t, r], measured[t, r] = samples, True
@@ -176,11 +180,14 @@ def _check_pairs(pairs: np.ndarray, n_tx: int, n_rx: int) -> None:
     good = pairs.ndim == 2 and pairs.shape[1] == 2 and pairs.dtype.kind in "iuf"
     if not good or not ((pairs >= 0) & (pairs < [n_tx, n_rx]) & (pairs == np.rint(pairs))).all():
         expected = (
-            f"[n, 2] whole numbers from 0, of one of {n_tx} transmitters and of one of "
-            f"{n_rx} receivers"
+            f"[n, 2] whole numbers: a transmitter from 0 to {n_tx - 1} and a receiver from 0 to "
+            f"{n_rx - 1}"
         )
-        raise HandbenchError(f"pairs: {pairs.dtype} of shape {pairs.shape}; expected {expected}")
+        raise HandbenchError(
+            f"pairs: are {pairs.dtype} of shape {pairs.shape}; expected {expected}"
+        )
     if (often := len(pairs) - len(np.unique(pairs, axis=0))) > 0:
         raise HandbenchError(
-            f"pairs: {often} are there again; expected each once: repeated sweeps are an axis"
+            f"pairs: {often} rows repeat an earlier pair; give each pair once, and repeated "
+            "sweeps along the frame axis"
         )

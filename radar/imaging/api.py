@@ -102,7 +102,8 @@ def _scaled(function: Image) -> Image:
             return function(samples, frequencies_hz, aperture, *others, **named)
         if largest * samples.size > np.finfo(np.float64).max:
             raise HandbenchError(
-                f"samples: reach {largest:.3g}; their sum is more than a number holds: scale them"
+                f"samples: the largest has the magnitude {largest:.3g}, so their sum may "
+                "overflow; multiply all samples by a smaller constant"
             )
         near = scaled_to_one(samples.astype(np.complex128))
         factor = np.float64(largest / largest_part(near))
@@ -324,8 +325,8 @@ def check(tolerance: float | None) -> None:
     """Raise HandbenchError for a tolerance outside 1e-6 to 0.1; None, the exact sum, is allowed."""
     if tolerance is not None and not TOLERANCES[0] <= tolerance <= TOLERANCES[1]:
         raise HandbenchError(
-            f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or the "
-            f"exact sum ({option('--exact', 'tolerance=None')})"
+            f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or "
+            f"{option('--exact', 'tolerance=None')} for the exact sum"
         )
 
 

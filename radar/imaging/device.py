@@ -29,7 +29,9 @@ def current_device() -> str:
     cpu). Raises HandbenchError for another name."""
     name = os.environ.get(SETTING, "") or "cpu"
     if name not in DEVICES:
-        raise HandbenchError(f"{SETTING}: is '{name}'; expected {', '.join(DEVICES)}, or nothing")
+        raise HandbenchError(
+            f"{SETTING}: is '{name}'; set it to {' or '.join(DEVICES)}, or unset it"
+        )
     return name
 
 
@@ -50,8 +52,8 @@ def use_device(name: str | None) -> Iterator[None]:
         if current_device() == "cpu":
             raise
         raise HandbenchError(
-            f"--device {current_device()}: its memory is full ({error}); close other programs that "
-            "use it, or leave the option out"
+            f"--device {current_device()}: the memory of the device is full ({error}); close "
+            "other programs that use it, or leave --device out"
         ) from error
     finally:
         os.environ.pop(SETTING, None)
@@ -67,23 +69,24 @@ def array_module(device: str | None = None) -> ModuleType:
     if device == "numpy":
         return np
     if device != "cuda":
-        raise HandbenchError(f"device: '{device}' runs no array code; expected cuda or numpy")
+        raise HandbenchError(f"device: '{device}' cannot run array code; expected cuda or numpy")
     try:
         import cupy
     except ImportError as error:
         found = "is not installed" if error.name == "cupy" else f"does not load ({error})"
         raise HandbenchError(
-            f"--device cuda: CuPy {found}; pip install 'handbench[gpu]', or leave the option out"
+            f"--device cuda: needs CuPy, which {found}; run pip install 'handbench[gpu]', or "
+            "leave --device out"
         ) from error
     try:
-        count, reason = cupy.cuda.runtime.getDeviceCount(), "the driver counts none"
+        count, reason = cupy.cuda.runtime.getDeviceCount(), "the NVIDIA driver reports none"
     except (
         RuntimeError
     ) as error:  # the base of CuPy's errors: no driver, too old a driver, no device
         count, reason = 0, str(error)
     if count == 0:
         raise HandbenchError(
-            f"--device cuda: no CUDA device found ({reason}); leave the option out"
+            f"--device cuda: no CUDA device was found ({reason}); leave --device out"
         )
     return cupy
 
@@ -95,9 +98,8 @@ def _try(xp: ModuleType) -> None:
         to_host(xp.matmul(xp.cos(xp.zeros((2, 2), np.float32)), xp.ones((2, 2), np.float32)))
     except Exception as error:
         raise HandbenchError(
-            f"--device cuda: CuPy finds a device but cannot compute ({error}); pip install "
-            "'handbench[gpu]' brings the "
-            "libraries that it needs, or leave the option out"
+            f"--device cuda: CuPy finds a device but cannot compute on it ({error}); run pip "
+            "install 'handbench[gpu]' for the libraries that it needs, or leave --device out"
         ) from error
 
 

@@ -91,28 +91,28 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     wrapped = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if isinstance(config, AnyConfig) and config.first_depth_m != "auto":
         limit = (
-            f"the closest tones determine depths within {period_mm / 2:.0f} mm of first_depth_m = "
-            f"{config.first_depth_m:g}"
+            f"the two closest tones determine depths only within {period_mm / 2:.0f} mm of "
+            f"first_depth_m = {config.first_depth_m:g}"
         )
         found_m = first_depth_m(capture, config, frame)
         near_m = float(np.median(depth.z_m[seen]))
         if found_m is not None and abs(found_m - near_m) > 0.5e-3 * period_mm:
-            way = "behind" if found_m > near_m else "before"
+            way = "behind" if found_m > near_m else "in front of"
             yield (
-                f"{limit}, but the echoes come from {found_m:.2f} m, some "
-                f"{1e3 * abs(found_m - near_m):.0f} mm {way} these depths; set "
+                f"{limit}, but the echoes come from {found_m:.2f} m, about "
+                f"{1e3 * abs(found_m - near_m):.0f} mm {way} these depths; use "
                 f"{settings({'first_depth_m': 'auto'})}"
             )
         elif found_m is None and wrapped > seen.sum() / 2:
             yield (
-                f"the phases of {wrapped} of {seen.sum()} pixels may have wrapped; {limit}; set "
-                "first_depth_m to the target's distance"
+                f"the phases of {wrapped} of {seen.sum()} pixels may be off by a whole period, "
+                f"because {limit}; set first_depth_m to the distance of the target"
             )
     if box_mm and at_end:
         box = f"the depth box, {ends_m[0]:g} to {ends_m[1]:g} m"
         yield (
-            f"{at_end} of {seen.sum()} pixels are strongest at an end of {box}: the echo may be "
-            f"outside; {set_box}"
+            f"{at_end} of {seen.sum()} pixels are strongest at an end of {box}, so the target may "
+            f"be outside; widen the box with {set_box}"
         )
     if 0 < box_mm < cell_mm:
         limit = (
@@ -120,7 +120,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"{box_mm:.0f} mm deep"
         )
         yield (
-            f"{limit}: the strongest voxel hardly resolves depth in it; use a method that compares "
+            f"{limit}, so the strongest voxel hardly shows the depth; use a method that compares "
             "phases (2fsk, 3fsk, joint), or more bandwidth"
         )
     if period_mm < box_mm:
@@ -128,4 +128,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"the tones' unambiguous range c/2Δf is {period_mm:.0f} mm, shorter than the box "
             f"of {box_mm:.0f} mm"
         )
-        yield f"{limit}: echoes repeat in it; {set_box}, or more tones"
+        yield (
+            f"{limit}, so echoes repeat inside the box; narrow the box with {set_box}, or use "
+            "more tones"
+        )

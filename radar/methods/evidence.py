@@ -38,7 +38,7 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
         else (capture.tones(asked_hz, frame)[0], asked_hz)
     )
     for sentence in tone_problems(used, used_hz):
-        raise HandbenchError(f"echoes, frame {frame}: {sentence}")
+        raise HandbenchError(f"echoes: in frame {frame}, {sentence}")
     point_m = POINT_WAVELENGTHS * shortest_m(capture)
     *extents_m, width_m = live_extents_m(capture, frame)
     counts = {}
@@ -47,15 +47,15 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
         counts[name] = pixels = axis.count if isinstance(axis, Axis) else 1
         if pixels > 1 and extent_m < point_m:
             raise HandbenchError(
-                f"echoes, frame {frame}: all channels with echoes are at one {name}, so nothing "
-                f"tells the {pixels} pixels along {name} apart; expected antennas at several "
-                f"{name}, or one pixel: {name}.start_m = {name}.stop_m"
+                f"echoes: in frame {frame}, all antennas with echoes have the same {name}, so the "
+                f"{pixels} pixels along {name} cannot be distinguished; use antennas at several "
+                f"{name}, or set {name}.stop_m = {name}.start_m for one pixel"
             )
     if min(counts.values()) > 1 and width_m < point_m:
         raise HandbenchError(
-            f"echoes, frame {frame}: all channels with echoes are on one oblique line, so nothing "
-            "tells the pixels across it apart; expected antennas beside that line, or one pixel: "
-            "y.start_m = y.stop_m"
+            f"echoes: in frame {frame}, all antennas with echoes are on one oblique line, so the "
+            "pixels across this line cannot be distinguished; use antennas beside the line, or "
+            "set y.stop_m = y.start_m for one row of pixels"
         )
 
 
@@ -69,7 +69,10 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
         if tone.any():
             means.append((complex(_unit(tone).mean(dtype=np.complex128)), i))
         else:
-            yield f"the tone at {at[i]} GHz is 0 in every channel; leave it out, or record it again"
+            yield (
+                f"the tone at {at[i]} GHz is 0 in every channel; leave this tone out, or record "
+                "it again"
+            )
     means.sort(key=lambda mean: mean[0].real)
     for (one, i), (other, j) in pairwise(means):
         near = at[i] != at[j] and abs(one - other) < EQUAL
@@ -77,8 +80,7 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
             first, second = sorted((i, j))
             yield (
                 f"the tones at {at[first]} and {at[second]} GHz have equal samples, so their "
-                "phases hold no distance; expected a measurement of each: mend frequencies_hz or "
-                "samples"
+                "phases give no distance; correct the frequencies or samples, or record each tone"
             )
 
 
@@ -96,8 +98,8 @@ def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
         if dead := np.flatnonzero(~alive).tolist():
             some = ", ".join(map(str, dead[:NAMED])) + (", …" if len(dead) > NAMED else "")
             yield (
-                f"{len(dead)} of {len(alive)} {name} have no echo at any tone: {some}, counted "
-                "from 0; are they connected?"
+                f"{len(dead)} of {len(alive)} {name} have no echo at any tone (numbers {some}, "
+                "counted from 0); check that they are connected"
             )
 
 

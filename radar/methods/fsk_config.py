@@ -20,10 +20,12 @@ SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exce
 def _odd(size_px: int) -> int:
     if size_px < 1 or size_px % 2 == 0:
         raise ValueError(
-            "expected an odd number ≥ 1: an even window would shift the map by half a pixel"
+            "expected an odd number ≥ 1, because an even window would shift the map by half a pixel"
         )
     if size_px > MOST_ON_AXIS:
-        raise ValueError(f"expected a window of at most {MOST_ON_AXIS} pixels, as an axis has")
+        raise ValueError(
+            f"expected a window of at most {MOST_ON_AXIS} pixels, the largest size of an axis"
+        )
     return size_px
 
 
@@ -169,7 +171,7 @@ class LadderConfig(RefinedConfig):
     @classmethod
     def _climbable(cls, tones_hz: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
         if len(tones_hz) < 3:
-            raise ValueError("expected three tones or more; 2fsk makes do with two")
+            raise ValueError("expected three or more tones; for two tones use the method 2fsk")
         if "phase_noise_rad" in info.data:  # else that is the error to report
             check_ladder(tones_hz, info.data["phase_noise_rad"])
         return tones_hz
@@ -208,11 +210,11 @@ class JointConfig(AgreementConfig, FskConfig):
     @classmethod
     def _enough(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
         if len(set(tones_hz)) < max(3, len(tones_hz)):
-            raise ValueError("expected three different tones or more")
+            raise ValueError("expected three or more tones, all different")
         if abs(tones_hz[0] - tones_hz[1]) > np.diff(np.sort(tones_hz)).min() + 1:
             raise ValueError(
-                "its first two tones are not its closest ones, which find the plane; put those "
-                "first"
+                "the first two tones are not the closest pair, which the method needs first to "
+                "find the plane; put the closest pair first"
             )
         return tones_hz
 
@@ -256,7 +258,8 @@ class PriorConfig(AgreementConfig, FskConfig):
     def _apart(self) -> PriorConfig:
         if not 0 < abs(self.f1_hz - self.close_hz) < abs(self.f1_hz - self.far_hz) / 3:
             raise ValueError(
-                "close_hz is no witness; expected it within a third of far_hz's distance from f1_hz"
+                "close_hz is too far from f1_hz to tell the periods of the phase apart; choose "
+                "|f1_hz − close_hz| below a third of |f1_hz − far_hz|"
             )
         return self
 
@@ -273,22 +276,21 @@ def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
     most = np.pi / (SIGMAS * phase_noise_rad)
     reaches_hz = [reach_hz(tones_hz[:count]) for count in range(2, len(tones_hz) + 1)]
     for rung, (last_hz, next_hz) in enumerate(pairwise(reaches_hz), start=2):
-        tone = f"rung {rung} ({tones_hz[rung] / 1e9:.4g} GHz)"
+        tone = f"the tone at {tones_hz[rung] / 1e9:.4g} GHz"
         if next_hz <= last_hz or last_hz == 0:
             raise ValueError(
-                f"{tone} reaches {next_hz / 1e9:.4g} GHz from the first tones and the rung "
-                "before it "
-                f"{last_hz / 1e9:.4g} GHz; order the tones so that every rung reaches further"
+                f"{tone} is {next_hz / 1e9:.4g} GHz from the first tones, but the tone before it "
+                f"{last_hz / 1e9:.4g} GHz; order the tones so that each is further away than the "
+                "one before"
             )
         if next_hz / last_hz > most:
             between_hz = tones_hz[0] + np.sign(tones_hz[rung] - tones_hz[0]) * np.sqrt(
                 last_hz * next_hz
             )
             raise ValueError(
-                f"{tone} reaches {next_hz / last_hz:.1f} times as far as the rung before it; a "
-                "phase noise of "
-                f"{phase_noise_rad:.3g} rad allows {most:.1f}: put a tone near "
-                f"{between_hz / 1e9:.4g} GHz between them"
+                f"{tone} is {next_hz / last_hz:.1f} times as far away as the tone before it, but "
+                f"a phase noise of {phase_noise_rad:.3g} rad allows a factor of {most:.1f} only; "
+                f"add a tone near {between_hz / 1e9:.4g} GHz between them"
             )
 
 

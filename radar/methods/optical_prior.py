@@ -72,15 +72,17 @@ def other_sensor(
     sensor, or if the sensor has no depth at these pixels.
     """
     if name not in capture.sensors:
-        known = ", ".join(capture.sensors) or "the radar's alone"
+        known = ", ".join(capture.sensors) or "only the radar's own"
         raise HandbenchError(
-            f"{name}: the capture holds no depth of that sensor, but {known}; leave it out"
+            f"{name}: the capture has no depths of this sensor; the sensors that it has are: "
+            f"{known}; choose one of these, or leave the method out"
         )
     grid = config.grid()
     z_m = capture.sensors[name](grid, frame)
     if not np.isfinite(z_m).any():
         raise HandbenchError(
-            f"{name}: saw nothing at the radar's pixels; check how its frame lies to the radar's"
+            f"{name}: this sensor has no depth at the radar's pixels; check the transform from "
+            "its frame to the radar frame"
         )
     db = np.where(np.isfinite(z_m), 0.0, -np.inf).astype(np.float32)
     return DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump(mode="json"))
@@ -109,8 +111,9 @@ def _first_depths(
     if not same or not np.isfinite(prior.z_m).any():
         raise HandbenchError(
             f"{config.prior}: is a map of {prior.z_m.shape[1]} × {prior.z_m.shape[0]} pixels, "
-            f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected depths on the "
-            f"method's x and y, {whole.shape[1]} × {whole.shape[0]} pixels; make the map on these"
+            f"{np.isfinite(prior.z_m).sum()} of them with a depth; expected a map with depths on "
+            f"the method's grid of {whole.shape[1]} × {whole.shape[0]} pixels; make it again with "
+            "the same x and y"
         )
     box = bounding_box(np.isfinite(prior.z_m))
     return whole.part(box), prior.z_m[box].astype(np.float64)
@@ -127,10 +130,10 @@ def _another_period(step: FskStep, half_period_m: float, config: PriorConfig) ->
     whole_m = np.median(close.correction_m)
     if config.prior and abs(whole_m) > MOST_OFF * half_period_m:
         raise HandbenchError(
-            f"{config.prior}: lies {1e3 * abs(whole_m):.0f} mm "
-            f"{'before' if whole_m > 0 else 'behind'} the depths that "
-            f"close tones tell (median); expected {1e3 * MOST_OFF * half_period_m:.0f} mm or "
-            "less: check its frame"
+            f"{config.prior}: its depths are {1e3 * abs(whole_m):.0f} mm "
+            f"{'before' if whole_m > 0 else 'behind'} the depths from the phases of close tones "
+            f"(median); expected at most {1e3 * MOST_OFF * half_period_m:.0f} mm; check that it "
+            "is in the radar frame"
         )
     mean_m, q_m = (
         masked_mean(values_m, WITNESS_PX, power) for values_m in (apart_m, quadrature_m(close))

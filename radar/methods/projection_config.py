@@ -63,10 +63,14 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
     def _alignable(self) -> AlignedConfig:
         fewest = FEWEST + (self.estimator == "capon")  # whose spectrum of two subsets is flat
         if self.count < fewest:
-            raise ValueError(f"count = {self.count}: aligned needs {fewest} tones or more")
+            raise ValueError(
+                f"count is {self.count}, but this estimator needs {fewest} or more tones; raise "
+                "count"
+            )
         if self.subvoxel:
             raise ValueError(
-                "subvoxel does nothing to aligned depths, which are between voxels; leave it out"
+                "subvoxel has no effect on aligned depths, which are between voxels already; "
+                "leave it out"
             )
         return self
 

@@ -94,9 +94,8 @@ def register(
     def add(run: Run) -> Run:
         if id in METHODS:
             raise HandbenchError(
-                f"method '{id}' is registered twice, first by "
-                f"{METHODS[id].distribution or 'handbench'}; "
-                "choose another id"
+                f"method '{id}': is registered twice, first by "
+                f"{METHODS[id].distribution or 'handbench'}; choose another id"
             )
         try:
             checked_name(id)
@@ -104,7 +103,7 @@ def register(
             raise HandbenchError(f"method '{id}': {error}") from None
         if base is not None and base not in METHODS:
             raise HandbenchError(
-                f"method '{id}': is a variant of '{base}'; {suggest(base, list(METHODS))}"
+                f"method '{id}': its base '{base}' is unknown; {suggest(base, list(METHODS))}"
             )
         parse(config, {}, f"method '{id}': defaults")
         METHODS[id] = Method(id, config, run, summary, source, base)
@@ -118,7 +117,7 @@ def method(id: str) -> Method:
     one and the plug-ins that could not be loaded."""
     _load()
     if id not in METHODS:
-        missing = f"; plug-ins that could not be loaded: {', '.join(BROKEN)}" if BROKEN else ""
+        missing = f"; these plug-ins could not be loaded: {', '.join(BROKEN)}" if BROKEN else ""
         raise HandbenchError(f"method: unknown id '{id}'; {suggest(id, list(METHODS))}{missing}")
     return METHODS[id]
 
@@ -151,8 +150,8 @@ def source_key(method: Method) -> tuple[str, ...]:
         file = Path()
     if not file.is_file():
         raise HandbenchError(
-            f"method '{method.id}': its code is in no file, so a change could not be noticed; "
-            "move it"
+            f"method '{method.id}': its code is in no file, so handbench cannot notice a change "
+            "of it; define it in a Python file"
         )
     if method.distribution is None:
         ours = _top(method.run.__module__) == code_hash.PACKAGE
@@ -188,7 +187,10 @@ def _load() -> None:
         try:
             point.load()
             if not any(_top(m.run.__module__) == _top(point.module) for m in METHODS.values()):
-                raise HandbenchError(f"{point.module} registers no method")
+                raise HandbenchError(
+                    f"the module {point.module} registers no method; call handbench's register in "
+                    "it"
+                )
         except (Exception, SystemExit) as error:  # an import of foreign code may do anything
             if distribution == OWN:
                 raise
@@ -197,7 +199,8 @@ def _load() -> None:
             reason = _reason(error)
             BROKEN[f"{name} of {distribution}"] = " ".join(reason.split())
             say(
-                f"plug-in {name} of {distribution}: left out: {BROKEN[f'{name} of {distribution}']}"
+                f"plug-in {name} of {distribution}: was not loaded and is left out: "
+                f"{BROKEN[f'{name} of {distribution}']}"
             )
         for id in METHODS.keys() - before.keys():
             METHODS[id] = replace(
@@ -210,8 +213,8 @@ def _reason(error: BaseException) -> str:
     separate until version 0.2, the description has the package's new name."""
     if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
         return (
-            f"imports {error.name}, which is handbench.{error.name} since version 1.0; change "
-            "the import"
+            f"imports {error.name}, which is called handbench.{error.name} since version 1.0; "
+            "change the import"
         )
     return str(error) if isinstance(error, HandbenchError) else f"{type(error).__name__}: {error}"
 

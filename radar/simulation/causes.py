@@ -22,7 +22,7 @@ class Noise(Config):
     @model_validator(mode="after")
     def _one_of_both(self) -> "Noise":
         if self.phase_noise_rad and self.snr_db is not None:
-            raise ValueError("give either phase_noise_rad or snr_db")
+            raise ValueError("phase_noise_rad and snr_db are both given; give only one of them")
         return self
 
     @property
@@ -56,7 +56,9 @@ Direction = tuple[float, float, float]
 def require_direction(direction: Direction) -> Direction:
     """Return the direction. Raises ValueError if its length is (almost) zero or extremely large."""
     if not 1e-6 < sum(part**2 for part in direction) < 1e6:
-        raise ValueError("expected a direction as [0, 0, 1]")
+        raise ValueError(
+            "expected a direction of three numbers such as [0, 0, 1], neither zero nor huge"
+        )
     return direction
 
 

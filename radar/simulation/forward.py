@@ -139,9 +139,8 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
     on = inside[cKDTree(antennas_m).query(places_m[inside])[0] == 0]
     if len(on) > 0:
         raise HandbenchError(
-            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} lies on an "
-            "antenna, where its echo is "
-            "infinite; leave it out, or simulate without spreading"
+            f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} is on an "
+            "antenna, where its echo is infinite; move or remove it, or simulate without spreading"
         )
 
 

@@ -37,8 +37,8 @@ class Material(Config):
     def _light_foam(self) -> "Material":
         if self.kind == "foam" and self.real_permittivity > MOST_FOAM:
             raise ValueError(
-                f"foam that rays pass straight has a permittivity of {MOST_FOAM} at most; call "
-                "it plastic"
+                f"foam has a permittivity of at most {MOST_FOAM}, because rays pass it straight; "
+                "use kind = 'plastic' for more"
             )
         return self
 
@@ -116,7 +116,9 @@ class EchoScene:
     def body(self) -> Body:
         """The target body. Raises ValueError for a scene without one."""
         if self.target is None:
-            raise ValueError("the scene has no target but balls")
+            raise ValueError(
+                "target: the scene has only balls, but this effect needs a target; add a [target]"
+            )
         return self.target
 
     @property

@@ -210,8 +210,8 @@ def require_facets(facets: Facets) -> Facets:
     """Return the facets. Raises HandbenchError if there are none."""
     if len(facets) == 0:
         raise HandbenchError(
-            "target: no facet faces the array; check the mesh's orientation (normals point "
-            "outwards) and place"
+            "target: no facet of its mesh faces the array; check its position, and that its "
+            "normals point outwards"
         )
     return facets
 

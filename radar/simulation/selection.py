@@ -56,7 +56,8 @@ def choose(
         for name in wanted:
             if missing[name]:
                 raise HandbenchError(
-                    f"effects: '{name}' needs {missing[name]}; add it or leave the effect out"
+                    f"effects: '{name}' needs {missing[name]}; add this to the scene, or leave "
+                    "the effect out"
                 )
     there = [effect for effect in EFFECTS if not missing[effect.id]]
     with one_blas_thread():  # or what is near the tolerance would depend on the number of cores

@@ -54,7 +54,9 @@ class SimulatedCapture:
         """Return the result with the samples of the empty room subtracted from every frame. Raises
         ValueError if the empty room was not simulated."""
         if self.empty is None:
-            raise ValueError("the empty room was not simulated")
+            raise ValueError(
+                "the empty room was not simulated; call simulate_scene with empty=True"
+            )
         samples = self.capture.samples - self.empty.samples
         return replace(self, capture=replace(self.capture, samples=samples))
 

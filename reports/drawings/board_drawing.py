@@ -108,7 +108,7 @@ def _modules(
     not have."""
     if number >= len(known.bytesList):
         raise HandbenchError(
-            f"board: marker {number} is not in the dictionary '{dictionary}', which has 0 to "
+            f"board: the dictionary '{dictionary}' has no marker {number}; use an id from 0 to "
             f"{len(known.bytesList) - 1}"
         )
     count = known.markerSize + 2  # a border of one module
@@ -141,16 +141,16 @@ def _upward(board: "Board") -> int:
         if not np.ptp(lengths_m) < SQUARE * lengths_m.max():
             shown = ", ".join(f"{MILLIMETRES * side:.2f}" for side in sides_m)
             raise HandbenchError(
-                f"board: marker {marker.id} has sides of {shown} mm; expected a square, its "
-                "corners clockwise"
+                f"board: marker {marker.id} has sides of {shown} mm; expected a square with its "
+                "corners in clockwise order"
             )
         (ax, ay), (bx, by) = (corners_m[2] - corners_m[0])[:2], (corners_m[3] - corners_m[1])[:2]
         turns.add(-int(np.sign(ax * by - ay * bx)))
     if np.ptp(heights_m) > FLAT_M or len(turns) > 1:
         raise HandbenchError(
-            "board: its markers are not in one plane of constant z, all facing one way; a "
-            "print is flat: draw the "
-            "faces as separate boards, each with z = 0"
+            "board: its markers are not in one plane of constant z, or do not all face the same "
+            "way, so they cannot be drawn on one sheet; describe each plane as a board of its "
+            "own, with z = 0"
         )
     return turns.pop()
 

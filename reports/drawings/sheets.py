@@ -66,7 +66,8 @@ def sheets(drawings: Sequence[Drawing], paper: str = FIT) -> list[Figure]:
         if max(drawing.width_mm, drawing.height_mm) > LARGEST_MM:
             size = f"{drawing.width_mm:.0f} × {drawing.height_mm:.0f} mm"
             raise HandbenchError(
-                f"drawing: is {size}; expected at most {LARGEST_MM:.0f} mm; are all lengths metres?"
+                f"drawing: is {size}; expected at most {LARGEST_MM:.0f} mm; check that all "
+                "lengths are in metres"
             )
     plan = [(drawing, *tiles(drawing, paper)) for drawing in drawings]
     total = sum(len(windows) for _, _, windows in plan)
@@ -219,8 +220,8 @@ def save(path: str | Path, figures: Sequence[Figure]) -> None:
     svg = path.suffix.lower() == ".svg"
     if svg and len(figures) > 1:
         raise HandbenchError(
-            f"{path}: an SVG has one page, the drawing {len(figures)} sheets; write a PDF, or "
-            "choose a larger --paper"
+            f"{path}: an SVG file has only one page, but the drawing has {len(figures)} sheets; "
+            "write a PDF, or choose a larger --paper"
         )
     with matplotlib.rc_context(STYLE), atomic_path(path) as temporary:
         if svg:

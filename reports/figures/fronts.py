@@ -55,7 +55,8 @@ def is_plottable(setting: Setting) -> bool:
 
 
 def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot error over seconds of all settings of one section of a trade-off.
+    """Plot the error over the seconds of computing for all settings in one part of a trade-off,
+    for example those of imaging.
     Settings that no other beats (the front) are numbered points, the others are faint, and the
     reference setting is in a square. If settings have a method, they have its colour and marker."""
     shown = [s for s in settings if is_plottable(s)]

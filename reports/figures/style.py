@@ -194,7 +194,7 @@ def save(figure: Figure, file: str | Path) -> None:
     (FORMATS)."""
     if Path(file).suffix.lower() not in FORMATS:
         raise HandbenchError(
-            f"{file}: is no picture's name; expected one that ends in {', '.join(FORMATS)}"
+            f"{file}: is not the name of a picture; use one that ends in {', '.join(FORMATS)}"
         )
     with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
         figure.savefig(temporary, format=Path(file).suffix[1:].lower())

@@ -58,7 +58,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
         raise HandbenchError(
-            f"{out}: is the result folder itself, whose table.csv must stay; choose another place"
+            f"{out}: is the result folder itself, whose table.csv the report would overwrite; "
+            "choose another folder"
         )
     captures, methods = len(result.about.captures), len(result.about.methods)
     first = captures if captures <= ABREAST else FIRST

@@ -55,7 +55,9 @@ def page(name: str, title: str, surface: SurfaceMap, sensor: str = "array") -> s
     Raises HandbenchError if no pixel has a depth."""
     scene = _scene(name, [], [(title, title, surface, {})])
     if scene is None:
-        raise HandbenchError(f"{name}: nothing was observed, so that there is nothing to turn")
+        raise HandbenchError(
+            f"{name}: has no observed pixel or vertex, so there is nothing to show in 3D"
+        )
     picture = layers.shaded_colours(surface, np.isfinite(surface.z_m))[::-1, ::-1]
     still = image(
         Image.fromarray(np.round(255 * picture).astype(np.uint8)),

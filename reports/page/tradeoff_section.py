@@ -27,7 +27,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
     found, out = load_tradeoff(folder), Path(out)
     if not found.settings:
         raise HandbenchError(
-            f"{found.folder / 'tradeoff.csv'}: holds no setting; run `handbench tradeoff` again"
+            f"{found.folder / 'tradeoff.csv'}: has no settings; run `handbench tradeoff` again"
         )
     rendering.begin(out)
     page = rendering.render("tradeoff.html", facts=found.facts, up="", tradeoff=section(found, out))

@@ -71,7 +71,7 @@ def test_a_points_covariance_grows_with_its_distance_from_the_pivot():
     np.testing.assert_allclose(
         transform.point_covariance(np.array([[0, 0, 0.3]])), expected[None], atol=1e-20
     )
-    with pytest.raises(HandbenchError, match="carries no covariance"):
+    with pytest.raises(HandbenchError, match="has no covariance"):
         identity("radar").point_covariance(np.zeros(3))
 
 
@@ -98,7 +98,7 @@ GOOD = {
     "covariance": np.eye(6).tolist(),
     "residuals_m": [],
 }
-NO_ROTATION, NO_MATRIX = "reflections and shears are refused", "expected 4×4 finite numbers"
+NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "expected 4×4 finite numbers"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ NO_ROTATION, NO_MATRIX = "reflections and shears are refused", "expected 4×4 fi
         ({"covariance": np.eye(5)}, "expected 6×6 or 7×7 finite numbers"),
         ({"covariance": -np.eye(6)}, "'covariance' is not symmetric and positive"),
         ({"residuals_m": [[1.0]]}, "expected a list of finite numbers"),
-        ({"from": ["photo"]}, "expected names of frames"),
+        ({"from": ["photo"]}, "expected the names of two frames"),
         ("[]", "expected"),
         ("[" * 100_000, "expected"),
     ],

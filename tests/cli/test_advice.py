@@ -65,17 +65,17 @@ def test_a_target_beyond_the_first_pair_is_reported(tmp_path, capsys):
     """Noise alone: no depth is coherent, and where the pair looks is named."""
     command = foreign(tmp_path, [82e9, 81.8e9, 79.5e9], noise=True)
     assert main([*command[: -len(SMALL)], "--method", "2fsk"]) == 0
-    advice = "the closest tones determine depths within 375 mm of first_depth_m = 0.45"
-    assert f"pixels may have wrapped; {advice}" in capsys.readouterr().err
+    advice = "the two closest tones determine depths only within 375 mm of first_depth_m = 0.45"
+    assert f"pixels may be off by a whole period, because {advice}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("tones_hz", "first_m", "words"),
     [
-        ([82e9, 81.9e9, 81e9], 0.45, "150 mm before these depths; set"),
-        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; set"),
+        ([82e9, 81.9e9, 81e9], 0.45, "150 mm in front of these depths; use"),
+        ([82e9, 81.9e9, 81e9], 0.16, "150 mm behind these depths; use"),
         ([82e9, 81.9e9, 81e9], 0.3, ""),
-        ([82e9, 81e9], 0.45, ""),  # nothing tells
+        ([82e9, 81e9], 0.45, "150 mm in front of these depths; use"),  # by the sharper plane
     ],
 )
 def test_a_target_a_period_away_is_reported_where_closer_tones_tell(
@@ -85,7 +85,8 @@ def test_a_target_a_period_away_is_reported_where_closer_tones_tell(
     given = f"--method 2fsk --set f2_hz=81e9 --set first_depth_m={first_m}"
     assert main([*foreign(tmp_path, tones_hz), *given.split()]) == 0
     printed = capsys.readouterr().err
-    assert words in printed and ("first_depth_m=0.30" in printed) == bool(words)
+    assert words in printed and ("from 0.30 m" in printed) == bool(words)
+    assert ("first_depth_m=auto" in printed) == bool(words)
 
 
 @pytest.mark.parametrize(

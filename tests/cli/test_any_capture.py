@@ -75,7 +75,10 @@ def test_a_capture_without_some_pairs_is_imaged_inspected_and_calibrated(made, t
     assert "array.json inside its echoes: applied" in capsys.readouterr().err
     np.testing.assert_array_equal(capture.aperture.measured, there)
     assert main(["inspect", str(folder)]) == 0
-    assert f"{(~there).sum()} of its 8836 pairs were not measured" in capsys.readouterr().out
+    assert (
+        f"{(~there).sum()} of its 8836 pairs of antennas were not measured"
+        in capsys.readouterr().out
+    )
     depths(folder, tmp_path / "depth.npz", "3fsk")
     assert main(["evaluate", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]) == 0
     assert json.loads(capsys.readouterr().out)["mae_mm"] < 1.0

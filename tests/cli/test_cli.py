@@ -23,7 +23,7 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("run missing.toml -o out", "missing.toml", "expected"),
     ("run paper_tabel -o out", "'paper_table'"),
     ("run misspelt.toml -o out", "'repeat'", "'repeats'"),
-    ("demo -o made", "is no demo of this version; choose another -o"),
+    ("demo -o made", "did not write it; choose another folder for -o"),
     ("simulate missing.toml -o out", "missing.toml", "expected"),
     ("simulate made/bench/ball.toml", "-o", "--explain"),
     ("groundtruth missing -o out.ply", "missing", "expected"),
@@ -32,14 +32,14 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("calibrate -o t.json", "TARGET_CAPTURE: is missing"),
     ("calibrate cap -o t.json --array t.json", "name the same file"),
     ("calibrate cap -o t.json --maroon t.json", "name the same file"),
-    ("calibrate cap -o t.json --mesh m.ply", "--mesh, --transform: are for --refine"),
-    ("calibrate cap -o t.json --refine d.npz --mesh m.ply", "--refine: does without a target"),
-    ("calibrate -o t.json --refine d.npz", "--refine: needs --mesh"),
+    ("calibrate cap -o t.json --mesh m.ply", "--mesh, --transform: only --refine uses"),
+    ("calibrate cap -o t.json --refine d.npz --mesh m.ply", "needs no calibration target"),
+    ("calibrate -o t.json --refine d.npz", "--refine: needs a surface"),
     ("calibrate capture -o x.txt", "x.txt does not end in ."),
     ("reconstruct missing -o out.npz --method 2fsk", "missing", "expected"),
     (f"{IMAGE} 3fks", "'3fks'", "'3fsk'"),
     (f"{IMAGE} 2fsk --set treshold_db=-9", "treshold_db", "'threshold_db'"),
-    (f"{IMAGE} 2fsk --check 5", "makes no volume"),
+    (f"{IMAGE} 2fsk --check 5", "computes no volume"),
     (f"{IMAGE} 2fsk --volume x.txt", "x.txt does not end in ."),
     ("reconstruct made/capture -o made/depth.npz --method 2fsk", "exists already", "--overwrite"),
     ("reconstruct nan -o out.npz --method 2fsk", "echoes.h5", "1 of 26508", "(0, 1, 2, 3)"),
@@ -48,16 +48,16 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("evaluate missing.npz --mesh missing.ply", "missing.npz", "expected"),
     ("evaluate made/depth.npz --mesh missing.ply", "missing.ply", "expected"),
     ("evaluate made/depth.npz --mesh m.ply --plot x.txt", "x.txt does not end in ."),
-    ("show missing", "nothing that can be shown"),
-    ("show unposed.json", "no poses"),
-    ("show made/volume.npz --3d", "no surface to turn"),
-    ("show made/depth.npz --3d -o a.png", "expected a picture, or with --3d a page"),
+    ("show missing", "cannot be shown"),
+    ("show unposed.json", "no camera in it has a pose"),
+    ("show made/volume.npz --3d", "no surface to show in 3D"),
+    ("show made/depth.npz --3d -o a.png", "expected a picture file"),
     ("show target -o full", "full does not end in ."),
     ("show target -o a.png", "ends in '.png'; expected .svg, .pdf, .toml"),
-    ("show stand -o a.svg --paper A4", "one page, the drawing 4 sheets"),
-    ("show tarjet -o a.pdf", "tarjet: is nothing", "board.toml or target.toml"),
+    ("show stand -o a.svg --paper A4", "one page, but the drawing has 4 sheets"),
+    ("show tarjet -o a.pdf", "tarjet: cannot be shown", "board.toml or target.toml"),
     ("show target --3d -o a.html", "leave out --3d"),
-    ("show made --paper A4", "is neither target nor board"),
+    ("show made --paper A4", "is neither a target nor a board"),
     ("report missing -o out", "missing", "expected a folder"),
     ("tradeoff missing.toml -o out", "missing.toml", "expected"),
     ("compare missing made -o out", "missing", "expected a folder"),
@@ -175,7 +175,7 @@ def test_a_tolerance_relative_to_the_image_is_certified(made, tmp_path, capsys, 
         assert main([*command, *out]) == 0
         printed = capsys.readouterr().err
         bounds.append(float(printed.strip().splitlines()[-1].rsplit(maxsplit=1)[-1]))
-    assert bounds[0] > 1e-2 >= bounds[1] and "imaging anew, to 0.001" in printed
+    assert bounds[0] > 1e-2 >= bounds[1] and "computing them again to 0.001" in printed
 
 
 @pytest.mark.parametrize(
@@ -211,7 +211,7 @@ def test_inspect_reports_every_problem(made, tmp_path, capsys):
     named = [broken / "capture.toml", broken / "echoes.h5", missing]
     assert [line.split(": ")[0] for line in printed.out.splitlines()] == [*map(str, named)]
     # 1 Hz is suspect
-    last = "handbench: inspect: 2 problems, 1 warning, 2 inputs; what is wrong is listed above"
+    last = "handbench: inspect: 2 problems, 1 warning, 2 inputs; correct the problems listed above"
     assert printed.err.strip() == last
 
 

@@ -54,7 +54,7 @@ def test_the_demo_tells_draws_and_goes_on(small, capsys):
     echoes = small / "capture" / "echoes.h5"
     before = echoes.stat().st_mtime_ns
     assert main(["demo"]) == 0
-    assert echoes.stat().st_mtime_ns == before and "is there already" in capsys.readouterr().err
+    assert echoes.stat().st_mtime_ns == before and "exists already" in capsys.readouterr().err
 
 
 def test_every_method_finds_its_tones_in_the_demo():

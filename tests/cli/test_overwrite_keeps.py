@@ -29,7 +29,7 @@ def test_a_file_that_the_user_added_is_named_and_kept(simulated, tmp_path, name)
     free_folder(capture, True, WRITTEN)  # as it was written
     (capture / name).parent.mkdir(parents=True, exist_ok=True)
     (capture / name).write_text("mine")
-    with pytest.raises(HandbenchError, match=f"holds {name}, which this command does not write"):
+    with pytest.raises(HandbenchError, match=f"has a file {name} that this command did not write"):
         free_folder(capture, True, WRITTEN)
     assert (capture / name).read_text() == "mine"
 
@@ -42,7 +42,7 @@ def test_a_recorded_capture_is_no_simulated_one(small_bench, simulated, tmp_path
     before = (capture / "echoes.h5").read_bytes()
     scene = str(small_bench.parent / "ball.toml")
     assert main(["simulate", scene, "-o", str(capture), "--overwrite"]) == 2
-    assert "this command did not write it" in " ".join(capsys.readouterr().err.split())
+    assert "this command did not make this folder" in " ".join(capsys.readouterr().err.split())
     assert (capture / "echoes.h5").read_bytes() == before
 
 
@@ -53,5 +53,5 @@ def test_of_a_set_only_its_own_captures_are_replaced(simulated, tmp_path):
     shutil.copytree(simulated, tmp_path / "captures" / "mine")
     assert listed_captures(tmp_path) == ["ball", "other"]
     (tmp_path / "captures" / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(HandbenchError, match=r"other/notes.txt: is not in .*checksums.txt"):
+    with pytest.raises(HandbenchError, match=r"other/notes.txt: is not listed in .*checksums.txt"):
         listed_captures(tmp_path)

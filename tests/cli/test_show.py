@@ -98,15 +98,18 @@ def test_doubts_come_first(shown, tmp_path, capsys):
     assert main(["evaluate", str(tmp_path / "far.npz"), "--mesh", str(shown / "mesh.ply")]) == 0
     printed = capsys.readouterr()
     assert next(iter(json.loads(printed.out))) == "doubts"
-    assert "100 % of the image is on target" in printed.err and "outside 0 to 100 %" in printed.err
+    assert (
+        "100 % of the pixels of the image have a depth" in printed.err
+        and "outside 0 to 100 %" in printed.err
+    )
 
 
 @pytest.mark.parametrize(
     ("config", "z_m", "words"),
     [
-        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "longer than the depth box, 10 mm"),
+        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "larger than the depth box, 10 mm"),
         ({}, 0.34, "more than 10 % of the distance"),
-        ({}, np.nan, "no pixel of the map"),
+        ({}, np.nan, "no pixel of the depth map"),
         ({}, 0.301, ""),
     ],
 )

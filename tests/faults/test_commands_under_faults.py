@@ -224,7 +224,7 @@ def test_of_two_runs_at_once_one_does_the_work(runs, tmp_path):
     ]
     errors = [process.communicate(timeout=300)[1] for process in both]
     assert sorted(process.returncode for process in both) == [0, 2]
-    assert sum("another run is writing here" in text for text in errors) == 1
+    assert sum("another run is writing into this folder" in text for text in errors) == 1
     assert content(tmp_path / "out") == expected
 
 

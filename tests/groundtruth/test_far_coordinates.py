@@ -66,7 +66,7 @@ def test_cameras_too_far_for_double_precision_are_named(tmp_path):
         gather(tmp_path, SparseOptions())
 
 
-@pytest.mark.parametrize(("by_m", "words"), [(1e5, "in single precision"), (10.0, None)])
+@pytest.mark.parametrize(("by_m", "words"), [(1e5, "single precision has steps"), (10.0, None)])
 def test_a_mesh_in_single_precision_is_refused_where_its_steps_are_coarse(tmp_path, by_m, words):
     corners_m = np.float32([(0, 0, by_m), (0.2, 0, by_m), (0, 0.2, by_m + 0.1)])
     mesh = tmp_path / "mesh.obj"

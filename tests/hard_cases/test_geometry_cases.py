@@ -236,7 +236,7 @@ def _with(value: float) -> np.ndarray:
     return points
 
 
-@refusal("a scatterer on an antenna", "lies on an antenna", "leave it out")
+@refusal("a scatterer on an antenna", "is on an antenna", "remove it")
 def test_on_antenna() -> Works:
     """1/R has no value at R = 0: an echo of NaN would spoil all samples."""
     point = Scatterers(plate().tx_m[4:5], np.ones(1))
@@ -256,7 +256,7 @@ def test_voxels_nowhere() -> Works:
         yield (
             f"{value}, tolerance {tolerance}",
             partial(image_points, samples, TONES_HZ, plate(), _with(value), tolerance),
-            "expected metres" if np.isfinite(value) else "NaN or infinity",
+            "unit is metres" if np.isfinite(value) else "NaN or infinite",
         )
 
 

@@ -158,12 +158,12 @@ def test_equal_tones() -> Works:
     refused."""
     twice = [82e9, 82e9, 79.5e9]
     for id, measured_hz, values, words in (
-        ("2fsk", twice, {"f2_hz": 82e9}, "same measured tone"),
+        ("2fsk", twice, {"f2_hz": 82e9}, "same nearest tone"),
         ("nfsk", LADDER_HZ, {"tones_hz": twice}, "0 GHz"),
-        ("3fsk-plus", LADDER_HZ, {"f2_hz": 82e9 + 1.0}, "same measured tone"),
-        ("3fsk", LADDER_HZ, {"f3_hz": 81.8e9}, "same measured tone"),
-        ("3fsk", LADDER_HZ, {"f3_hz": 82e9}, "same measured tone"),
-        ("2fsk", LADDER_HZ, {"f2_hz": 82e9}, "same measured tone"),
+        ("3fsk-plus", LADDER_HZ, {"f2_hz": 82e9 + 1.0}, "same nearest tone"),
+        ("3fsk", LADDER_HZ, {"f3_hz": 81.8e9}, "same nearest tone"),
+        ("3fsk", LADDER_HZ, {"f3_hz": 82e9}, "same nearest tone"),
+        ("2fsk", LADDER_HZ, {"f2_hz": 82e9}, "same nearest tone"),
     ):
         yield (
             f"{id}, {values}",

@@ -147,7 +147,7 @@ def test_other_libraries_count_with_their_versions(tmp_path, monkeypatch):
         "handbench.support.code_hash.installed", lambda name: (f"{name} of tomorrow",)
     )
     assert Sources(tmp_path).key("handbench.bench.one") != before
-    with pytest.raises(ModuleNotFoundError, match=r"handbench\.bench\.no: is no module"):
+    with pytest.raises(ModuleNotFoundError, match=r"handbench\.bench\.no: there is no such module"):
         Sources(tmp_path).key("handbench.bench.no")
 
 

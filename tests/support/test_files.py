@@ -47,7 +47,7 @@ def test_tones_are_the_nearest_measured_ones_with_their_true_frequencies():
     samples, tones_hz = capture().tones([74.4e9, 82e9])
     assert tones_hz.tolist() == [74.5e9, 82e9]
     assert np.array_equal(samples, capture().samples[0, [1, 4]])
-    for asked_hz, message in (([74.4e9, 74.6e9], "same measured tone"), ([60e9], r"60\.0000 GHz")):
+    for asked_hz, message in (([74.4e9, 74.6e9], "same nearest tone"), ([60e9], r"60\.0000 GHz")):
         with pytest.raises(HandbenchError, match=message):
             capture().tones(asked_hz)
 
@@ -60,7 +60,7 @@ def test_depth_map_round_trip_and_wrong_axes(tmp_path):
     assert np.array_equal(again.z_m, z_m, equal_nan=True)
     assert (again.method, again.config) == ("2fsk", {"f1_hz": 1.0})
     DepthMap(np.arange(5.0), np.arange(3.0), *given).save(tmp_path / "bad.npz")
-    expected = r"z_m is float64 \(3, 2\); expected real numbers \(3, 5\)"
+    expected = r"z_m is float64 \(3, 2\); expected real numbers of shape \(3, 5\)"
     with pytest.raises(HandbenchError, match=expected):
         load_depthmap(tmp_path / "bad.npz")
 
@@ -76,10 +76,10 @@ def _virtual() -> h5py.VirtualLayout:
     [
         ("samples", {"data": np.full(SHAPE, np.nan, "c8")}, "no channel was measured"),
         ("samples", {"data": np.ones((1, 5, 3, 5), "c8")}, r"expected \[frame, 5, 3, 4\]"),
-        ("frequencies_hz", {"data": [1.0, 2.0, 3.0, 4.0, -5.0]}, "expected positive hertz"),
+        ("frequencies_hz", {"data": [1.0, 2.0, 3.0, 4.0, -5.0]}, "expected frequencies above 0"),
         ("frequencies_hz", {"data": 1.0}, r"shape \(\); expected a list of real numbers"),
-        ("tx_m", {"data": np.zeros((3, 2))}, r"shape \(3, 2\); expected \[n, 3\]"),
-        ("tx_m", None, r"lacks data set 'tx_m' \[tx, 3\], metres"),
+        ("tx_m", {"data": np.zeros((3, 2))}, r"shape \(3, 2\) of .* \[n, 3\]"),
+        ("tx_m", None, r"has no data set 'tx_m' \[tx, 3\], metres"),
         (
             "samples",
             {"shape": (1, 5, 3, 10**13), "dtype": "c8", "chunks": SHAPE},
@@ -91,8 +91,8 @@ def _virtual() -> h5py.VirtualLayout:
         ("samples", "group", ""),
         ("samples", "virtual", ""),
         ("samples", h5py.SoftLink("/samples"), ""),
-        ("samples", h5py.SoftLink("/whole/samples"), "inside the file itself"),
-        ("tx_m", h5py.ExternalLink("other.h5", "tx_m"), "inside the file itself"),
+        ("samples", h5py.SoftLink("/whole/samples"), "is missing"),
+        ("tx_m", h5py.ExternalLink("other.h5", "tx_m"), "is missing"),
     ],
     ids=str,
 )
@@ -126,6 +126,6 @@ def test_names_do_not_leave_their_folder_by_links_either(tmp_path):
     (tmp_path / "folder" / "mine").write_text("")
     (tmp_path / "folder" / "inner").symlink_to(tmp_path / "folder" / "mine")
     for name in ("link", "up/secret", "../secret", str(tmp_path / "secret")):
-        with pytest.raises(HandbenchError, match="leaves the folder"):
+        with pytest.raises(HandbenchError, match="is outside the folder"):
             inside(tmp_path / "folder", name, "capture.toml")
     assert inside(tmp_path / "folder", "inner", "capture.toml").name == "mine"

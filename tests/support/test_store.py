@@ -64,4 +64,4 @@ def test_an_empty_or_foreign_manifest_is_a_broken_one(tmp_path, of, capsys, cont
     cached(tmp_path, stage)
     (stage.folder(tmp_path) / MANIFEST).write_text(content)
     assert not cached(tmp_path, stage)[1] and len(made) == 2
-    assert f"its {MANIFEST} is missing or broken" in capsys.readouterr().err
+    assert f"the file {MANIFEST} is missing or damaged" in capsys.readouterr().err

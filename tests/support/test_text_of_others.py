@@ -36,7 +36,7 @@ def test_positions_are_read_as_spreadsheets_save_them(tmp_path, text):
     [
         (CSV.replace(",", ";").replace(".", ",").encode(), "separated by commas"),
         ((CSV + "1,2\n").encode(), "1,2 has 2 values"),
-        (CSV.encode("utf-16"), "UTF-16; save it as UTF-8"),
+        (CSV.encode("utf-16"), "UTF-16; save the file as UTF-8"),
     ],
 )
 def test_positions_of_another_form_are_named(tmp_path, content, message):
@@ -57,8 +57,8 @@ def test_lines_of_a_mesh_may_end_with_a_carriage_return(tmp_path, name, text):
     ("name", "content", "message"),
     [
         ("a.ply", PLY.replace("0.5", "0,5").encode(), "decimal commas"),
-        ("a.ply", PLY.replace("t face", "t tristrips").encode(), "strips of triangles"),
-        ("a.obj", OBJ.encode("utf-16"), "UTF-16; save it as UTF-8"),
+        ("a.ply", PLY.replace("t face", "t tristrips").encode(), "triangle strips"),
+        ("a.obj", OBJ.encode("utf-16"), "UTF-16; save the file as UTF-8"),
         ("a.stl", b"; made by hand\nsolid a\nendsolid a\n" * 4, "does not begin with 'solid'"),
     ],
 )
@@ -75,8 +75,8 @@ def test_a_mesh_of_another_form_is_named(tmp_path, name, content, message):
         (read_json, b'{"a": 1,\n"b": 0,3}', '"b": 0,3}\'; write decimals with a point'),
         (read_toml, b"['line 9, column 1']\n['line 9, column 1']\n", "(at line 2, column 20)"),
         (read_toml, "a = “b”".encode(), "'a = “b”'"),
-        (read_toml, "a = 'ü'".encode("utf-16"), "UTF-16; save it as UTF-8"),
-        (read_json, b"{\0\n\0}\0", "UTF-16; save it as UTF-8"),
+        (read_toml, "a = 'ü'".encode("utf-16"), "UTF-16; save the file as UTF-8"),
+        (read_json, b"{\0\n\0}\0", "UTF-16; save the file as UTF-8"),
         (read_toml, b"a = 1\nb = '\xfc'", "line 2 is not UTF-8"),
     ],
 )
@@ -113,7 +113,9 @@ def test_every_suffix_of_jpeg_is_read(tmp_path):
 
 
 def test_photographs_of_which_none_can_be_read_are_named(tmp_path):
-    with pytest.raises(HandbenchError, match=r"found 0 photographs.*0\.dng and 1 more: no JPEG"):
+    with pytest.raises(
+        HandbenchError, match=r"found only 0 photographs.*0\.dng and 1 more: left out"
+    ):
         find_photos(pictures(tmp_path, [".dng", ".CR3"]))
 
 
@@ -130,5 +132,7 @@ def test_a_board_of_another_size_is_known_by_its_markers(tmp_path):
     described = Board.model_validate({"charuco": {"columns": 9, "rows": 6, **squares}})
     drawn = np.pad(seen.charuco.cv_board().generateImage((700, 500)), 60, constant_values=255)
     photos = find_photos(pictures(tmp_path, [".jpg"] * 3, drawn))
-    with pytest.raises(HandbenchError, match="17 markers, 0 to 16, and the board has 27, 0 to 26"):
+    with pytest.raises(
+        HandbenchError, match="17 markers, 0 to 16, and the board's description has 27, 0 to 26"
+    ):
         require_board({photo.name: {} for photo in photos}, described, photos)

@@ -206,7 +206,9 @@ def _fitted(records: list[Record]) -> np.ndarray:
     is no such scene."""
     some = [r for r in records if r["group"] == "calibration"]
     if not some:
-        raise HandbenchError("--fit: no calibrating scene was measured; give more --scenes")
+        raise HandbenchError(
+            "--fit: none of the measured scenes is for calibration; measure more with --scenes"
+        )
     counts = {
         r["family"]: sum(len(s["wrong"]) for s in some if s["family"] == r["family"]) for r in some
     }

@@ -91,8 +91,9 @@ class PackedScatterers(NamedTuple):
     point_m [3, n]; weight [n] complex64; delay_m [n]: extra one-way path; normal [3, n] of facets,
     or [3, 0]; spreading: whether echoes have gains (1/R, obliquity, pattern); pattern: exponent q
     of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: 1 where a transmitter or a receiver sees a
-    point and 0 where not, or [0, 0] if all do; these masks need a plan that keeps all antennas.
-    sight: the factors of waves that obstacles partly block.
+    point and 0 where not, or [0, 0] if all do; such masks need a plan
+    in which no antennas were replaced by fewer equivalent ones. sight: by how much obstacles weaken
+    and turn the waves between each antenna and each point, as polynomials over frequency.
     """
 
     point_m: np.ndarray
@@ -114,7 +115,9 @@ def scatter(  # type: ignore[no-untyped-def]
     2, a, b], 2 for real and imaginary part. It is the adjoint of `forward.gather`.
 
     source: `PackedScatterers`, of which starts[i]:starts[i + 1] are in the cell's leaf i;
-    turns_per_m: f/c of the cell's k tones; shape: that of the result.
+    turns_per_m: f/c of the cell's k tones; leaves: the boxes and their nodes; passes: how often the
+    path goes from transmitter to target and back (2 for a scan); reference_m: path whose phase is
+    left out; shape: that of the result.
     """
     samples = np.zeros(shape, np.float32)
     for i in range(len(starts) - 1):

@@ -191,11 +191,11 @@ def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Ape
     if samples.shape != expected:
         raise HandbenchError(
             f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} "
-            "frequencies and "
-            f"{type(aperture).__name__} channels {aperture.channels}"
+            f"frequencies and the {aperture.channels} channels of the {type(aperture).__name__}"
         )
     if samples.dtype.kind not in "iufc" or not np.isfinite(largest := largest_part(samples)):
         raise HandbenchError(
-            f"samples: hold NaN, infinity or {samples.dtype}; expected finite numbers: repair them"
+            f"samples: have NaN or infinite values or the type {samples.dtype}; expected finite "
+            "numbers, so repair them"
         )
     return largest

@@ -83,8 +83,9 @@ def unsimulated_echo(scene: EchoScene) -> str:
     if level_db < FAINT_DB:
         return ""
     return (
-        f"plastic is transparent: the echo of its far wall, about {level_db:.0f} dB relative to "
-        "its front's, is not simulated; use kind = 'metal' or a loss_tangent of 0.1 to exclude it"
+        "plastic is transparent, and the simulation leaves out the echo of its far wall, which is "
+        f"about {level_db:.0f} dB relative to that of the front; use kind = 'metal' or a "
+        "loss_tangent of 0.1 if there should be none"
     )
 
 

@@ -92,10 +92,9 @@ def echoes_of_moving(
     residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
     if residual_rad > MOST_NODES * RESIDUAL_RAD:
         raise HandbenchError(
-            f"target.motion: moves the target by {1e3 * (high - low):.0f} mm within a frame; "
-            "expected a motion of "
-            "millimetres: lower velocity_m_s, or shorten the frame by fewer tones or a smaller "
-            "sensor.step_time_s"
+            f"target.motion: the target moves by {1e3 * (high - low):.0f} mm within a frame, but "
+            "the simulation allows only millimetres; lower velocity_m_s, use fewer tones, or "
+            "lower sensor.step_time_s"
         )
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
     slope = _slope(echoes, along, middle_m)

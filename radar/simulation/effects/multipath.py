@@ -81,7 +81,8 @@ def multipath(echoes: Echoes) -> Echoes:
 
 
 def multipath_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds that the echoes over several places take."""
+    """Estimate the CPU seconds that the simulation of multipath takes: of the echoes that reach the
+    receivers by way of several surfaces."""
     antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
     tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
     return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes

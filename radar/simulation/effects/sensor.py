@@ -97,7 +97,8 @@ def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
         if wrong:
             last = alive.shape[axis] - 1
             raise HandbenchError(
-                f"sensor.dead.{name}: is {wrong[0]}; expected numbers from 0 to {last}"
+                f"sensor.dead.{name}: has the antenna number {wrong[0]}; expected numbers from 0 "
+                f"to {last}"
             )
         alive[(slice(None),) * axis + (list(numbers),)] = 0
     return samples * alive

@@ -56,11 +56,9 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
     splits = np.ceil(np.log2(np.maximum(edges_m / longest_m, 1))).astype(int)
     if (4.0**splits).sum() > MOST_FACETS:
         raise HandbenchError(
-            f"target: its longest edge, {1e3 * edges_m.max():.1f} mm, would have to be split "
-            f"{splits.max()} times to "
-            f"sample the wavelength (edges of {1e3 * longest_m:.2g} mm), which makes more than "
-            f"{MOST_FACETS} "
-            "facets; remesh it evenly"
+            f"target: has a longest edge of {1e3 * edges_m.max():.1f} mm, which must be split "
+            f"{splits.max()} times to sample the wavelength (edges of {1e3 * longest_m:.2g} mm) "
+            f"and makes more than {MOST_FACETS} facets; remesh it with edges of equal length"
         )
     normals = vertex_normals(body)[body.faces[chosen]]
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)

@@ -70,10 +70,10 @@ def test_names_are_unique_and_name_files(data_set):
     ("selection", "reason"),
     [
         ('objects = ["cups"]', "has no captures of an object 'cups'; did you mean 'cup'"),
-        ("distances = [50]", "has no capture that was asked for.*captures: 100, 30"),
+        ("distances = [50]", "none of its captures is selected.* are: 100, 30"),
         ('object = ["cup"]', r"unknown key 'dataset\.0\.object'; did you mean 'objects'"),
         ("limit = 0", r"'dataset\.0\.limit' is 0"),
-        ('[[dataset]]\npath = "../maroon"', "leaves the folder"),
+        ('[[dataset]]\npath = "../maroon"', "is outside the folder"),
     ],
 )
 def test_selections_that_select_nothing_are_refused(data_set, selection, reason):
@@ -90,7 +90,7 @@ def test_what_opens_a_folder(data_set, tmp_path):
     (tmp_path / "scan" / "scan.npy").touch()
     for place, words in (
         (f"{native.folder}@emptyfiltered", "only captures of MAROON have frames @emptyfiltered"),
-        (tmp_path, r"is no capture; expected capture\.toml \(handbench\), mapping\.toml"),
+        (tmp_path, r"is not a capture; expected capture\.toml \(handbench\), mapping\.toml"),
         (tmp_path / "nowhere", "expected a folder with a capture, found nothing"),
         (tmp_path / "scan", "run `handbench import planar_scan`"),
     ):

@@ -112,14 +112,14 @@ def test_the_alignment_of_the_calibration_stands_in(mine):
     save_alignment(coarse / "alignment.json", Transform("photo", "radar", matrix))
     np.testing.assert_allclose(open_capture(mine).transform().matrix, matrix, atol=1e-12)
     metadata.write_text('{"calibration": "../../../secret"}')
-    with pytest.raises(HandbenchError, match="leaves the folder"):
+    with pytest.raises(HandbenchError, match="is outside the folder"):
         open_capture(mine).transform()
 
 
 def test_the_whole_mesh_stands_in_for_a_masked_one_and_no_other_does(mine, capsys):
     (mine / "photogrammetry" / MESHES["masked"]).unlink()
     assert open_capture(mine).mesh().name == "mesh.obj"
-    assert "has no mesh_masked.obj; mesh.obj is taken" in capsys.readouterr().err
+    assert "has no mesh_masked.obj, so mesh.obj is used" in capsys.readouterr().err
     (mine / "photogrammetry" / MESHES["whole"]).unlink()
     assert open_capture(mine).mesh() is None
 
@@ -150,7 +150,10 @@ FRAMES = {
         r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)",
     ),
     "NaN": ({"xr": np.full((96, 96, 6), np.nan + 0j)}, "samples: 53016 of 53016 are NaN"),
-    "gigahertz": ({"fvec": TONES_HZ / 1e9}, "'fvec' is float64 from 72 to 82; expected hertz"),
+    "gigahertz": (
+        {"fvec": TONES_HZ / 1e9},
+        "'fvec' is float64 from 72 to 82; expected frequencies",
+    ),
     "none": ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
     "a frame less": ({"number_of_measurements": 2}, "000001.npy: expected a radar frame"),
 }
@@ -206,5 +209,5 @@ def test_an_object_becomes_a_capture_folder(maroon, tmp_path):
     np.testing.assert_allclose(native.transform().matrix, maroon.transform().matrix, atol=1e-15)
     vertices_m = [read_triangles(capture.mesh())[0] for capture in (native, maroon)]
     np.testing.assert_allclose(*vertices_m, atol=1e-7)  # the mesh is written in float32
-    with pytest.raises(HandbenchError, match="is no capture of 'mapping' but of MaroonCapture"):
+    with pytest.raises(HandbenchError, match="is not a capture of 'mapping' but of MaroonCapture"):
         import_capture("mapping", maroon.folder, tmp_path / "other")

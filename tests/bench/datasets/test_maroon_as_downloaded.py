@@ -106,7 +106,7 @@ def test_from_the_folder_to_the_table_in_one_command(downloaded, tmp_path):
 
 def test_a_data_set_is_no_capture_but_its_captures_are_named(downloaded, tmp_path, capsys):
     assert main(["import", "maroon", str(downloaded), "-o", str(tmp_path / "capture")]) == 2
-    assert f"name one, as {downloaded / '48_card' / '30'}" in capsys.readouterr().err
+    assert f"name one of them, such as {downloaded / '48_card' / '30'}" in capsys.readouterr().err
 
 
 def flipped(*signs):
@@ -118,7 +118,7 @@ def other_shift(matrix):
 
 
 SPOILED = {
-    "as it is": (lambda m: m, "nothing looks wrong"),
+    "as it is": (lambda m: m, "no problem found"),
     "sign of x": (lambda m: flipped(-1, 1, 1) @ m, "photogrammetry2radar has no reflection"),
     "reflected points": (lambda m: m @ flipped(-1, 1, 1), "with the other sign of its column of x"),
     "x of the shift": (other_shift, "with the other sign of x in its shift"),
@@ -141,4 +141,4 @@ def test_inspect_names_a_wrong_sign_or_reflection(downloaded, tmp_path, capsys, 
     file.write_text(json.dumps({"photogrammetry2radar": change(matrix).tolist()}))
     assert main(["inspect", str(folder)]) == 0
     printed = capsys.readouterr().out
-    assert words in printed and ("check the matrix" in printed) == (name != "as it is")
+    assert words in printed and ("check the signs in the matrix" in printed) == (name != "as it is")

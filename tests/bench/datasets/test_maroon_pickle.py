@@ -60,7 +60,7 @@ class Runs:
 @pytest.mark.parametrize("wrap", [lambda bad: bad, lambda bad: {"xr": np.array([bad], object)}])
 def test_code_is_never_run(tmp_path, wrap):
     np.save(tmp_path / "a.npy", np.array(wrap(Runs(tmp_path / "ran")), object), allow_pickle=True)
-    with pytest.raises(HandbenchError, match=r"it names (posix|nt)\.system") as caught:
+    with pytest.raises(HandbenchError, match=r"it uses (posix|nt)\.system") as caught:
         read_dictionary(tmp_path / "a.npy")
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "ran").exists()
@@ -77,8 +77,8 @@ def test_code_is_never_run(tmp_path, wrap):
         ({"xr": {"deeper": 1}}, "'xr' is dict"),
         ({"xr": np.array(["text"])}, "numbers of type 'U4'"),
         ({"xr": np.zeros(2, [("re", "f4"), ("im", "f4")])}, "numbers of type 'V8'"),
-        ({1: 2}, "a key is int"),
-        ((1,), "it holds no dictionary"),
+        ({1: 2}, "a key is of type int"),
+        ((1,), "it is not a dictionary"),
     ],
 )
 def test_anything_but_numbers_is_refused(tmp_path, content, reason):
@@ -96,7 +96,7 @@ def test_plain_arrays_and_huge_files_are_refused(tmp_path):
         read_dictionary(file)
     with file.open("wb") as stream:
         stream.truncate(PICKLE_BYTES + 1)
-    with pytest.raises(HandbenchError, match="268435456 at most"):
+    with pytest.raises(HandbenchError, match="at most 268435456"):
         read_dictionary(file)
 
 
@@ -104,7 +104,7 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
     pickled = pickle.dumps(np.array({"xr": np.zeros(255)}, dtype=object), 4)
     count, many = (pickle.dumps(n, 4)[2:-1] for n in (255, 2**40))
     assert count in pickled
-    with pytest.raises(HandbenchError, match="is refused"):
+    with pytest.raises(HandbenchError, match="was not read"):
         read_dictionary(npy(tmp_path / "a.npy", pickled.replace(count, many, 1)))
 
 
@@ -113,30 +113,33 @@ def test_a_shape_that_the_bytes_do_not_fill_takes_no_memory(tmp_path):
     [
         # remembers a list under the number 2³² − 1, which costs the unpickler in C 64 GB and this
         # one nothing
-        (b"\x80\x04]r\xff\xff\xff\xff.", "it holds no dictionary"),
-        (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "is refused"),  # text of 2⁶³ bytes
+        (b"\x80\x04]r\xff\xff\xff\xff.", "it is not a dictionary"),
+        (b"\x80\x04\x8e" + b"\xff" * 7 + b"\x7f.", "was not read"),  # text of 2⁶³ bytes
         (
             b"\x80\x04cnumpy\nndarray\n(I1000000000000\ntR.",
-            "it holds no dictionary",
+            "it is not a dictionary",
         ),  # an array of 8 TB
-        (b"\x80\x04cnumpy\ndtype\n}b.", "a name that is changed"),
+        (b"\x80\x04cnumpy\ndtype\n}b.", "it changes a function"),
         (
             b"\x80\x04}N" + b"2\x86" * 60 + b"Ns.",
-            "is refused .50.",
+            "was not read .50.",
         ),  # a key of 2⁶⁰ parts, by DUP ...
-        (b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.", "a key is tuple"),  # ... and by memo
+        (
+            b"\x80\x04}N" + b"q\x00h\x00\x86" * 60 + b"Ns.",
+            "a key is of type tuple",
+        ),  # ... and by memo
         (
             b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"\x85cnumpy\ndtype\n\x94h\x010h\x00R.",
-            "is refused",
+            "was not read",
         ),
         (b"\x80\x04cnumpy\ndtype\nN" + b"q\x00h\x00\x86" * 60 + b"\x85R.", "numbers of no type"),
-        (b"\x80\x04\x8f(N" + b"q\x00h\x00\x86" * 60 + b"\x90.", "is refused .143."),  # into a set
+        (b"\x80\x04\x8f(N" + b"q\x00h\x00\x86" * 60 + b"\x90.", "was not read .143."),  # into a set
         (
             b"\x80\x04N" + b"q\x00h\x00\x86" * 60 + b"NR.",
-            "it calls what is no name",
+            "it calls something that is not a known function",
         ),  # whose text has 2⁶⁰ parts
         (b"\x80\x04" + b"]" * 20_000 + b".", "too many steps"),
-        (b"\x80\x04\x82\x01.", "is refused"),  # an extension that somebody may have registered
+        (b"\x80\x04\x82\x01.", "was not read"),  # an extension that somebody may have registered
     ],
 )
 def test_bombs_are_refused(tmp_path, bomb, reason):

@@ -80,7 +80,7 @@ def test_inspect_and_import_print_what_to_set(tmp_path, capsys):
     assert "wrong" not in capsys.readouterr().err
     (source / "adc_data.bin").write_bytes(capture.content[:-4])
     assert main(["inspect", str(source)]) == 2
-    assert "expected whole frames" in capsys.readouterr().out
+    assert "not a whole number of frames" in capsys.readouterr().out
 
 
 @pytest.mark.skipif(not CHAIR.is_dir(), reason=f"the chair's captures are not at {CHAIR}")

@@ -177,24 +177,36 @@ def test_a_boards_own_files(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("profileCfg", "% profileCfg", "profile.cfg: lacks profileCfg"),
+        ("profileCfg", "% profileCfg", "profile.cfg: has no profileCfg"),
         ("0 0 30", "0 0 x", "line 7: profileCfg is '0 60 7 6 65 0 0 29.982 1 8 2047 0 0 x'"),
         ("channelCfg 15 5 0", "channelCfg", "line 4: channelCfg is ''; expected 1 numbers"),
         ("OutputMode 1", "OutputMode 3", "line 3: dfeDataOutputMode is '3'; expected 1: frames"),
-        ("0 0 0 0 0 4", "0 0 0 0 0 5", "line 9: chirpCfg is '1 1 0 0 0 0 0 5'; expected chirps"),
-        ("0 0 0 0 0 4", "0 0 0 9 0 4", "line 9: chirpCfg is '1 1 0 0 0 9 0 4'; expected chirps"),
+        (
+            "0 0 0 0 0 4",
+            "0 0 0 0 0 5",
+            "line 9: chirpCfg is '1 1 0 0 0 0 0 5'; expected chirp numbers",
+        ),
+        (
+            "0 0 0 0 0 4",
+            "0 0 0 9 0 4",
+            "line 9: chirpCfg is '1 1 0 0 0 9 0 4'; expected chirp numbers",
+        ),
         ("chirpCfg 1 1", "chirpCfg 1 1e9", "line 9: chirpCfg"),
-        ("chirpCfg 1 1 0", "chirpCfg 1 1 1", "expected a chirpCfg for each, and one profileCfg"),
-        ("frameCfg 0 1", "frameCfg 0 2", "frameCfg sends chirps 0 to 2; expected a chirpCfg"),
+        ("chirpCfg 1 1 0", "chirpCfg 1 1 1", "the same profileCfg for all"),
+        ("frameCfg 0 1", "frameCfg 0 2", "frameCfg sends the chirps 0 to 2; expected a chirpCfg"),
         ("frameCfg 0 1", "frameCfg -1e300 1e300", "expected a chirpCfg for each"),
         ("lvdsStreamCfg -1 0", "lvdsStreamCfg -1 1", "line 11: lvdsStreamCfg"),
         ("1 8 2047", "1 1e30 2047", "'samples' is 1000000000000000019884624838656"),
         ("60 7 6", "60e9 7 6", "'start_hz' is 6e+19"),
         ("channelCfg 15", "channelCfg 0", "'receivers' is ()"),
-        ("1 8 2047", "1 7 2047", "expected whole frames of"),
         ("frameCfg 0 1 3", "chirpCfg 2 2 0 0 0 0 0 4\nframeCfg 0 2 3", "[1, 3] have [1, 2] chirps"),
-        ("frameCfg 0 1 3", "frameCfg 0 1 4", "has 1536 bytes; expected whole frames of 1024"),
-        ("", "", "nothing gives the antennas' places; add tx_m.csv"),
+        ("1 8 2047", "1 7 2047", "not a whole number of frames of"),
+        (
+            "frameCfg 0 1 3",
+            "frameCfg 0 1 4",
+            "has 1536 bytes, which is not a whole number of frames of 1024",
+        ),
+        ("", "", "nothing gives the positions of the antennas; add tx_m.csv"),
     ],
 )
 def test_profiles_that_are_refused(tmp_path, old, new, message):
@@ -210,12 +222,18 @@ def test_profiles_that_are_refused(tmp_path, old, new, message):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda f: (f / "profile.cfg").unlink(), "has none; expected one .cfg or .json"),
-        (lambda f: (f / "p.json").write_text("{}"), "has p.json, profile.cfg; expected one"),
-        (lambda f: (f / "adc_data.bin").write_bytes(b""), "has no samples in .bin files"),
+        (lambda f: (f / "profile.cfg").unlink(), "has none; expected exactly one .cfg or .json"),
+        (
+            lambda f: (f / "p.json").write_text("{}"),
+            "has p.json, profile.cfg; expected exactly one",
+        ),
+        (lambda f: (f / "adc_data.bin").write_bytes(b""), "has no .bin file with samples"),
         (lambda f: (f / "rx_m.csv").unlink(), "rx_m.csv: expected a CSV file"),
-        (lambda f: (f / "tx_m.csv").write_text("x_m,y_m,z_m\n0,0,0\n"), "tx_m has 1 places"),
-        (lambda f: (f / "profile.cfg").write_bytes(b"\xff"), "profile.cfg: is no text"),
+        (
+            lambda f: (f / "tx_m.csv").write_text("x_m,y_m,z_m\n0,0,0\n"),
+            "tx_m has only 1 positions",
+        ),
+        (lambda f: (f / "profile.cfg").write_bytes(b"\xff"), "profile.cfg: is not text"),
     ],
 )
 def test_folders_that_are_refused(tmp_path, spoil, message):

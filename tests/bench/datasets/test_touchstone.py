@@ -111,30 +111,46 @@ ROW = "a.s1p,0,0,0,0,0,0\n"
     [
         ({}, "", "positions.csv: lists no file"),
         ({}, ROW, "a.s1p: expected a Touchstone file, found nothing"),
-        ({"a.s1p": GOOD}, "a.s1p,0,0\n", "line 2 has 3 cells; expected 7"),
+        ({"a.s1p": GOOD}, "a.s1p,0,0\n", "line 2 has 3 columns; expected 7"),
         ({"a.s1p": GOOD}, "a.s1p,0,0,0,0,0,x\n", "line 2: could not convert"),
-        ({"a.s1p": GOOD}, "a.s1p,0,0,0,0,0,nan\n", "NaN or infinity"),
-        ({"a.s1p": GOOD}, ROW + "a.s1p,1,0,0,0,0,0\n", "line 3 has the file or the places of line"),
-        ({"a.s1p": GOOD, "b.s1p": GOOD}, ROW + ROW.replace("a.", "b."), "the places of line 2"),
-        ({}, "../a.s1p,0,0,0,0,0,0\n", "leaves the folder"),
-        ({"a.s3p": GOOD}, ROW.replace("s1p", "s3p"), "no Touchstone file; expected one in .s1p"),
-        ({"a.s1p": "1 0.5 0\n"}, ROW, "line 1 comes before the option line; expected '#'"),
+        ({"a.s1p": GOOD}, "a.s1p,0,0,0,0,0,nan\n", "NaN or infinite"),
+        (
+            {"a.s1p": GOOD},
+            ROW + "a.s1p,1,0,0,0,0,0\n",
+            "line 3 repeats the file or the position of line",
+        ),
+        ({"a.s1p": GOOD, "b.s1p": GOOD}, ROW + ROW.replace("a.", "b."), "the position of line 2"),
+        ({}, "../a.s1p,0,0,0,0,0,0\n", "is outside the folder"),
+        (
+            {"a.s3p": GOOD},
+            ROW.replace("s1p", "s3p"),
+            "not a Touchstone file; expected a name that ends in .s1p",
+        ),
+        ({"a.s1p": "1 0.5 0\n"}, ROW, "line 1 is before the option line; expected '#'"),
         ({"a.s1p": "# GHz Y RI\n1 0.5 0\n"}, ROW, "line 1 has the option 'Y'"),
         ({"a.s1p": "# GHz R x\n1 0.5 0\n"}, ROW, "line 1 has the option 'R'"),
-        ({"a.s1p": "[Version] 2.0\n" + GOOD}, ROW, "line 1 is '[Version] 2.0', of Touchstone 2"),
-        ({"a.s1p": GOOD + "3 0.5 O\n"}, ROW, "line 4 is '3 0.5 O'; expected a record of 3"),
-        ({"a.s1p": GOOD + "3 0.5 0 1\n"}, ROW, "line 4 is '3 0.5 0 1'; expected a record of 3"),
-        ({"a.s1p": GOOD + "3 0.5 inf\n"}, ROW, "line 4 is '3 0.5 inf'; expected a record of 3"),
-        ({"a.s1p": GOOD + "2 0.5 0\n"}, ROW, "line 4 has the frequency 2; expected one above 2"),
-        ({"a.s1p": GOOD + "3 0.5\n"}, ROW, "ends at line 4 with 2 numbers; expected records of 3"),
+        (
+            {"a.s1p": "[Version] 2.0\n" + GOOD},
+            ROW,
+            "line 1 is '[Version] 2.0', which is Touchstone version 2",
+        ),
+        ({"a.s1p": GOOD + "3 0.5 O\n"}, ROW, "line 4 is '3 0.5 O'; expected 3"),
+        ({"a.s1p": GOOD + "3 0.5 0 1\n"}, ROW, "line 4 is '3 0.5 0 1'; expected 3"),
+        ({"a.s1p": GOOD + "3 0.5 inf\n"}, ROW, "line 4 is '3 0.5 inf'; expected 3"),
+        (
+            {"a.s1p": GOOD + "2 0.5 0\n"},
+            ROW,
+            "line 4 has the frequency 2; expected one above the frequency before it, 2",
+        ),
+        ({"a.s1p": GOOD + "3 0.5\n"}, ROW, "ends at line 4 with 2 numbers; expected 3"),
         ({"a.s1p": "# Hz\n"}, ROW, "ends at line 1 with 0 numbers"),
-        ({"a.s1p": "# DB\n1 900 0\n"}, ROW, "S11 reaches 1e+45; expected"),
+        ({"a.s1p": "# DB\n1 900 0\n"}, ROW, "S11 has a magnitude of 1e+45; expected"),
         (
             {"a.s1p": GOOD, "b.s1p": GOOD.replace("2 ", "3 ")},
             ROW + "b.s1p,1,0,0,0,0,0\n",
-            "b.s1p: has 2 tones in 1–3 GHz; expected those of a.s1p, 2 tones in 1–2 GHz",
+            "b.s1p: has 2 tones in 1–3 GHz, but a.s1p has 2 tones in 1–2 GHz",
         ),
-        ({"a.s1p": "!" + "x" * 2**23}, ROW, "expected a Touchstone file, 8388608 at most"),
+        ({"a.s1p": "!" + "x" * 2**23}, ROW, "too many for a Touchstone file (at most 8388608)"),
     ],
 )
 def test_what_is_refused(tmp_path, files, rows, message):
@@ -151,6 +167,6 @@ def test_s21_of_one_port_and_an_unknown_setting_are_refused(tmp_path, capsys):
     source = folder_of(tmp_path, {"a.s1p": GOOD}, {}, HEADER + ROW)
     command = ["import", "touchstone", str(source), "-o", str(tmp_path / "out"), "--set"]
     assert main([*command, "parameter=S21"]) == 2
-    assert "a.s1p: has only S11; expected S21" in capsys.readouterr().err
+    assert "a.s1p: has only S11, but S21 is requested" in capsys.readouterr().err
     assert main([*command, "port=2"]) == 2
     assert "--set: unknown key 'port'" in capsys.readouterr().err

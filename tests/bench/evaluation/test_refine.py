@@ -138,9 +138,9 @@ def test_the_covariance_is_honest(rng, monkeypatch, reach_pixels):
     ("start_mm", "lines", "expected"),
     [
         ((300, 0, 0), 61, "share 0 pixels"),
-        ((150, 100, 0), 61, "in [0-9]+ cells of 15 mm"),
-        ((0, 0, 40), 61, "would move by 40.0 mm and 0.0°; at most 15 mm and 10°"),
-        ((0, 0, 0), 1, "expected a map of 3 × 3"),
+        ((150, 100, 0), 61, "in [0-9]+ squares of 15 mm"),
+        ((0, 0, 40), 61, "would move the mesh by 40.0 mm and 0.0°, but only 15 mm and 10°"),
+        ((0, 0, 0), 1, "expected at least 3 × 3"),
     ],
 )
 def test_what_cannot_be_trusted_is_refused(start_mm, lines, expected):

@@ -57,12 +57,12 @@ TONES = {"tones_hz": tuple(TONES_HZ.tolist())}
     [
         (changed(exact_capture(POINT_M, array=SOME), dead_tone), "81.8 GHz is 0 in every channel"),
         (changed(exact_capture(POINT_M, array=SOME), equal_tones), "have equal samples"),
-        (changed(exact_capture(POINT_M, array=SOME), one_live_channel), "at one x"),
+        (changed(exact_capture(POINT_M, array=SOME), one_live_channel), "have the same x"),
         (
             exact_capture(POINT_M, array=AntennaArray(np.zeros((3, 3)), np.zeros((2, 3)))),
-            "at one x",
+            "have the same x",
         ),
-        (exact_capture(POINT_M, array=rod(0.0)), "at one y"),
+        (exact_capture(POINT_M, array=rod(0.0)), "have the same y"),
         (exact_capture(POINT_M, array=AntennaArray(OBLIQUE_M, OBLIQUE_M)), "oblique line"),
         (changed(exact_capture(POINT_M, array=SOME), scaled_tone), "have equal samples"),
     ],
@@ -111,7 +111,7 @@ def test_dead_tones_and_antennas_are_named():
     assert len(found) == 2
     assert "81.8 GHz" in found[0]
     assert "1 of 16 transmitters" in found[1]
-    assert ": 3," in found[1]
+    assert "(numbers 3, counted from 0)" in found[1]
     scan = PlanarScan(SOME.tx_m)
     dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
     assert not list(echo_warnings(dead))  # no warning for a frame without any echo

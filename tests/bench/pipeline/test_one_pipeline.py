@@ -72,8 +72,12 @@ def one_tone(echoes):
 
 
 REFUSED = {
-    "mm": (millimetres, "are its positions millimetres?", "are its positions millimetres?"),
-    "tone": (one_tone, "", "asks for 82.0000 GHz"),
+    "mm": (
+        millimetres,
+        "if the positions are in millimetres",
+        "if the positions are in millimetres",
+    ),
+    "tone": (one_tone, "", "needs a tone at 82.0000 GHz"),
 }
 
 

@@ -61,7 +61,7 @@ def test_results_that_share_nothing_are_refused(result):
     of_maroon = b.about.model_copy(update={"protocol": {"id": "maroon", "version": 1}})
     for other, words in (
         (result("b", names=("A",), reference="photogrammetry", two=1.0), "no capture in common"),
-        (replace(b, about=of_maroon), "by the protocols"),
+        (replace(b, about=of_maroon), "the scoring protocols"),
     ):
         with pytest.raises(HandbenchError, match=words):
             rank_methods([a, other])

@@ -123,7 +123,7 @@ def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
     assert len(found) == 6 and found.equals(expected)
     with (old / "scores.csv").open("w") as stream:
         stream.write((small_result / "scores.csv").read_text() + "ball,2fsk,truth,,0,mae_mm,7\n")
-    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines of one figure"):
+    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines for the same figure"):
         results.load(old)
 
 
@@ -136,7 +136,7 @@ REFUSED = {
     **{name: (name, None, name.split("/")[-1]) for name in MISSING},
     "schema": ("result.json", {"schema_version": 2}, "schema_version is 2"),
     "key": ("result.json", {"surprise": 1}, "unknown key 'surprise'"),
-    "name": ("result.json", {"captures": [{"name": "../B"}]}, "cannot name a file"),
+    "name": ("result.json", {"captures": [{"name": "../B"}]}, "cannot be the name of a file"),
     "empty": ("table.csv", "", r"table\.csv"),
     "columns": ("table.csv", "metric,method\n", r"table\.csv"),
     "text": ("table.csv", f"{HEADER}mae_mm,3fsk,abc,,,mm,,truth\n", r"table\.csv"),
@@ -164,7 +164,7 @@ def test_maps_of_other_shapes_and_names_that_lead_outside_are_refused(folder):
     with pytest.raises(HandbenchError, match="'z_m' is float64"):
         results.load(folder).surface("B", "3fsk")
     for name in ("", "..", "../x", "a\\b", "a__b", "a\nb", "x" * 81):
-        with pytest.raises(HandbenchError, match="cannot name a file"):
+        with pytest.raises(HandbenchError, match="cannot be the name of a file"):
             results.depth_path(folder, name, "3fsk")
     with pytest.raises(HandbenchError, match="expected a folder"):
         results.load(folder / "nothing")

@@ -48,14 +48,14 @@ def test_its_checksums_are_those_of_sha256sum(folder):
 
 
 CHANGES = {
-    "other content": ("captures/ball/echoes.h5", "0", "captures/ball/echoes.h5 has other content"),
+    "other content": ("captures/ball/echoes.h5", "0", "captures/ball/echoes.h5 has changed"),
     "a file less": (
         "checksums.txt",
         f"{64 * '0'}  captures/ball/lost.ply\n",
         "lost.ply is missing",
     ),
-    "a file more": ("captures/ball/mesh.ply", "", "captures/ball/mesh.ply is not in it"),
-    "broken checksums": ("checksums.txt", "0\n", "is no SHA-256"),
+    "a file more": ("captures/ball/mesh.ply", "", "captures/ball/mesh.ply is not listed there"),
+    "broken checksums": ("checksums.txt", "0\n", "is not a SHA-256"),
 }
 
 
@@ -72,7 +72,7 @@ def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, tmp
     bench, echoes = str(folder / "bench" / "small.toml"), changed / "captures/ball/echoes.h5"
     before = echoes.stat().st_mtime_ns
     assert main(["simulate", bench, "-o", str(changed)]) == 2
-    assert "holds a set of captures" in capsys.readouterr().err
+    assert "has a set of captures" in capsys.readouterr().err
     sums = (changed / "checksums.txt").read_text()
     (changed / "checksums.txt").unlink()
     assert main(["simulate", bench, "-o", str(changed)]) == 0
@@ -86,16 +86,12 @@ def test_an_interrupted_set_goes_on_and_a_whole_one_is_kept(changed, folder, tmp
     strange.mkdir()
     (strange / "mine.txt").write_text("1")
     assert main(["simulate", bench, "-o", str(strange), "--overwrite"]) == 2
-    assert "holds files but no bench.toml" in capsys.readouterr().err
+    assert "has files but no bench.toml" in capsys.readouterr().err
     assert [file.name for file in strange.iterdir()] == ["mine.txt"]
 
 
 REFUSED = {
-    "a capture": (
-        'scene = "ball.toml"',
-        'path = "ball"',
-        "expected scenes, which can be simulated",
-    ),
+    "a capture": ('scene = "ball.toml"', 'path = "ball"', "only scenes can be simulated"),
     "two of a name": (
         "[[method]]",
         '[[capture]]\nscene = "ball.toml"\n[[method]]',

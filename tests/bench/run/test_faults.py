@@ -91,7 +91,7 @@ def test_a_flipped_bit_in_any_kept_file_is_found_reported_and_made_again(
         [made] = execute(small_bench, out).tasks.query("not cached").task.tolist()
         stage, lines = file.relative_to(out / "work").parts[0], capsys.readouterr().err.splitlines()
         assert stage.startswith(made)
-        [line] = [line for line in lines if "it is made again" in line]
+        [line] = [line for line in lines if "is computed again" in line]
         # which a broken manifest cannot name
         assert stage in line and (file.name in line or file.name == MANIFEST)
         assert content(out) == expected
@@ -121,8 +121,8 @@ def planes(_):
     return swept_disparity(one, 0.0, 256)
 
 
-ECHOES = r"h5: 'samples' \(1, 2, 100000\): needs 0\.0032 GB, and 0\.001 GB of memory are free"
-PLANES = r"256 planes of 80 × 60 pixels: needs 0\.00492 GB, and 0\.001 GB .* free; choose a lower"
+ECHOES = r"h5: 'samples' \(1, 2, 100000\): needs 0\.0032 GB of memory, but only 0\.001 GB are free"
+PLANES = r"256 planes of 80 × 60 pixels: needs 0\.00492 GB .* free; choose a lower"
 LARGE = {"echoes": (echoes, ECHOES), "planes": (planes, PLANES)}
 Free = namedtuple("Free", "available total")
 

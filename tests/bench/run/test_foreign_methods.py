@@ -104,7 +104,7 @@ WRONG = {
     ),
     "killed": ("os.kill(os.getpid(), 9)", "ended with exit code 137"),
     "memory": ("np.zeros(2**31) + 1", r"its last line: .*MemoryError"),
-    "nothing": ("pass", "wrote no [{]depth}"),
+    "nothing": ("pass", "did not write [{]depth}"),
 }
 
 
@@ -143,7 +143,7 @@ def test_a_program_that_hangs_is_ended_with_all_that_it_started(capture, tmp_pat
             return super().wait()
 
     monkeypatch.setattr(foreign.subprocess, "Popen", TimedOutOnceItHasStarted)
-    with pytest.raises(HandbenchError, match="took more than 3 s; raise limit_s"):
+    with pytest.raises(HandbenchError, match="took more than 3 s and was stopped"):
         image(capture, tmp_path, SLEEPS.format(file=str(child)), limit_s=3.0)
     wait_for_end(child.read_text())
 
@@ -164,13 +164,13 @@ def test_it_ends_when_handbench_is_killed(tmp_path):
 
 
 MAPS = {
-    "moved": ({"x_m": GRID.x_m + 1e-5}, "x_m is another grid"),
+    "moved": ({"x_m": GRID.x_m + 1e-5}, "x_m differs from the benchmark's grid"),
     "a pickle": ({"x_m": [{}]}, "not a readable .npz"),
     "turned": ({"z_m": np.ones((5, 3))}, r"z_m is float64 \(5, 3\); expected real numbers"),
     "beyond float32": ({"z_m": np.full(GRID.shape, 1e300)}, "infinite depths"),
     "empty": ({"z_m": np.full(GRID.shape, np.nan)}, "no depth at all"),
     "NaN amplitudes": ({"amplitude_db": np.full(GRID.shape, np.nan)}, "amplitude_db is not finite"),
-    "millimetres": ({"z_m": np.full(GRID.shape, 300.0)}, "are these millimetres"),
+    "millimetres": ({"z_m": np.full(GRID.shape, 300.0)}, "check that the unit is metres"),
     "times": ({"seconds": np.ones(2)}, "seconds is array"),
 }
 
@@ -237,15 +237,19 @@ def test_they_are_scored_beside_our_own_and_a_changed_program_runs_again(folder,
 
 GIVEN = 'maps = "maps"'
 REFUSED = {
-    "a submission": (GIVEN, 'submission = "maps"', "submission is gone; give maps"),
+    "a submission": (
+        GIVEN,
+        'submission = "maps"',
+        "the key submission is no longer used; give maps",
+    ),
     "no folder": (GIVEN, 'maps = "mops"', "expected a folder with a depth map for each capture"),
-    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map of 1 of 1 captures: ball"),
-    "our own": ('id = "given"', 'id = "3fsk"', "handbench has this method"),
+    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map for 1 of 1 captures: ball"),
+    "our own": ('id = "given"', 'id = "3fsk"', "its id is that of a method of handbench"),
     "both": (GIVEN, f'{GIVEN}\ncommand = "a {{capture}} {{depth}}"', "maps and a command"),
-    "a configuration": (GIVEN, f"{GIVEN}\nprecision = true", "is taken as it is"),
-    "no place": (GIVEN, 'command = "mine {capture}"', "command lacks {depth}"),
+    "a configuration": (GIVEN, f"{GIVEN}\nprecision = true", "is a method from outside handbench"),
+    "no place": (GIVEN, 'command = "mine {capture}"', "the command has no {depth}"),
     "an open quote": (GIVEN, 'command = "m \'{capture} {depth}"', "quote it as for a shell"),
-    "no file's name": ('id = "given"', 'id = "../given"', "cannot name a file"),
+    "no file's name": ('id = "given"', 'id = "../given"', "cannot be the name of a file"),
 }
 
 

@@ -118,5 +118,5 @@ def test_a_folder_that_cannot_be_deleted_is_named(tmp_path, capsys):
     finally:
         os.fchdir(here)
         os.close(here)
-    assert f"{deep}: cannot be deleted completely" in capsys.readouterr().err
+    assert f"{deep}: could not be deleted completely" in capsys.readouterr().err
     subprocess.run(["rm", "-rf", deep], check=True)

@@ -49,8 +49,8 @@ def test_every_person_is_a_capture(tmp_path: Path) -> None:
     ("capture", "words"),
     [
         (f"{HAND}\npersons = [0]", "persons"),
-        (f"{HAND}\npersons = [3, 3]", "names one twice"),
-        ('path = "capture"\npersons = [1]', "persons need a scene"),
+        (f"{HAND}\npersons = [3, 3]", "a value is listed twice"),
+        ('path = "capture"\npersons = [1]', "persons are given without a scene"),
         (f'{HAND}\nmeasures = ["speed"]', "measures"),
         (f'{HAND}\nmeasures = ["precision"]', "no capture measures the accuracy"),
         (f'{HAND}\n[[capture]]\n{HAND}\nmeasures = ["precision"]', "no method has precision"),
@@ -67,11 +67,11 @@ def test_what_cannot_be_meant_is_refused(tmp_path: Path, capture: str, words: st
 def test_only_hands_have_persons_and_each_once(tmp_path: Path) -> None:
     path = bench_file(tmp_path, 'scene = "ball.toml"\npersons = [1]')
     [problem] = problems_of(str(path))
-    words = "scene 'ball': has the target 'sphere', but persons are asked for"
+    words = "scene 'ball': its target is of kind 'sphere', but persons"
     assert words in problem.text and problem.line == 5
     twice = bench_file(tmp_path, *['scene = "hand.toml"\npersons = [4]'] * 2)
     texts = [problem.text for problem in problems_of(str(twice))]
-    assert any("'B-person-04' in hand.toml is named as" in text for text in texts)
+    assert any("'B-person-04' in hand.toml has the same name as" in text for text in texts)
 
 
 def test_the_embedded_hands_are_twelve_people() -> None:

@@ -79,10 +79,10 @@ BROKEN = {
     "exit": ("raise SystemExit(3)", "SystemExit: 3"),
     "lines": ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
     "nothing": ("", "bad registers no method"),
-    "name": (CODE.replace("wide2fsk", "../3fsk"), "cannot name a file"),
+    "name": (CODE.replace("wide2fsk", "../3fsk"), "cannot be the name of a file"),
     "twice": (
         CODE.replace("wide2fsk", "ours") + CODE.replace("wide2fsk", "2fsk"),
-        "method '2fsk' is registered twice, first by handbench",
+        "method '2fsk': is registered twice, first by handbench",
     ),
     "defaults": (
         CODE.replace("f2_hz: float = 81.0e9", "steps: int"),
@@ -90,11 +90,11 @@ BROKEN = {
     ),
     "base": (
         CODE.replace('source="this page"', 'base="2fks"'),
-        "is a variant of '2fks'; did you mean '2fsk'?",
+        "its base '2fks' is unknown; did you mean '2fsk'?",
     ),
     "version 0.2": (
         CODE.replace("handbench.radar", "radar"),
-        "imports radar.methods.registry, which is handbench.radar.methods.registry since version",
+        "imports radar.methods.registry, which is called handbench.radar.methods.registry",
     ),
 }
 
@@ -110,7 +110,10 @@ def test_a_broken_plug_in_is_named_in_one_line_and_harms_nobody(
     before = set(METHODS)
     assert {m.id for m in methods()} == before | {"wide2fsk"}  # nothing of it is left
     [line] = capsys.readouterr().err.splitlines()
-    assert line.startswith("plug-in bad of bad-methods: left out: ") and reason in line
+    assert (
+        line.startswith("plug-in bad of bad-methods: was not loaded and is left out: ")
+        and reason in line
+    )
     assert main(["list"]) == 0
     assert f"bad of bad-methods: {line.partition('left out: ')[2]}" in capsys.readouterr().out
     words = r"unknown id 'ours'.*could not be loaded: bad of bad-methods"

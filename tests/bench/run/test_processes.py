@@ -85,4 +85,4 @@ def test_a_stage_that_ends_its_process_fails_alone(beside, tmp_path):
     names = ["a", "deadly", "b", "deadly", "c", "d"]
     ended = performed(beside, spans, tmp_path, [stage_of("mesh", name) for name in names])
     assert [done.failure is None for done in ended] == [name != "deadly" for name in names]
-    assert all("its process was ended" in ended[k].failure.message for k in (1, 3))
+    assert all("the operating system ended its process" in ended[k].failure.message for k in (1, 3))

@@ -59,7 +59,7 @@ def test_a_stranger_s_folder_is_left_alone(small_bench, tmp_path, name):
     file.parent.mkdir(parents=True)
     file.write_text("mine")
     before = sorted((tmp_path / "out").rglob("*"))
-    with pytest.raises(HandbenchError, match="no run wrote"):
+    with pytest.raises(HandbenchError, match="handbench did not write"):
         execute(small_bench, tmp_path / "out")
     assert sorted((tmp_path / "out").rglob("*")) == before and file.read_text() == "mine"
 
@@ -116,7 +116,9 @@ def test_a_broken_capture_does_not_sink_the_run(
     for name in ("echoes", "description"):
         assert figures(tmp_path / name) == figures(small_result)
     (recorded / "truth.ply").unlink()
-    with pytest.raises(HandbenchError, match=r"every capture failed; the first: .*other"):
+    with pytest.raises(
+        HandbenchError, match=r"every capture failed; the error of the first: .*other"
+    ):
         execute(small_bench, tmp_path / "none")
 
 
@@ -136,11 +138,11 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     assert truth == simulated.row("mae_mm", "2fsk", "truth").value
     assert mesh == pytest.approx(truth, abs=1e-3)  # stored in float32: 1e-7 of 0.5 m
     radar_from_photo.inverse().save(file)
-    with pytest.raises(HandbenchError, match="leads from 'radar' to 'photo'"):
+    with pytest.raises(HandbenchError, match="is a transform from 'radar' to 'photo'"):
         execute(small_bench, tmp_path / "inverted")
     for name in ("truth.ply", "mesh.ply", file.name):
         (recorded / name).unlink()
     about = recorded / "capture.toml"
     about.write_text(about.read_text().replace('"truth.ply", ', ""))
-    with pytest.raises(HandbenchError, match="nothing to score against"):
+    with pytest.raises(HandbenchError, match="has no surface to compare depths with"):
         execute(small_bench, tmp_path / "none")

@@ -56,7 +56,7 @@ def test_a_method_s_name_is_neither_a_reference_s_nor_another_method_s(small_ben
     for command in (["inspect"], ["run", "-o", str(small_bench.parent / "out")]):
         assert main([command[0], str(small_bench), *command[1:]]) == 2
         text = " ".join("".join(capsys.readouterr()).split())
-        assert f"'{id}' reads as" in text and "choose another name" in text
+        assert f"'{id}' has the same meaning as" in text and "choose another name" in text
 
 
 @pytest.mark.parametrize("name", ["truth", "Completed", "3-FSK"])
@@ -65,4 +65,4 @@ def test_a_capture_s_name_neither(small_bench, capsys, name):
     scene.write_text(scene.read_text().replace('"ball"', f'"{name}"'))
     for command in (["inspect"], ["run", "-o", str(small_bench.parent / "out")]):
         assert main([command[0], str(small_bench), *command[1:]]) == 2
-        assert f"'{name}' reads as" in " ".join("".join(capsys.readouterr()).split())
+        assert f"'{name}' has the same meaning as" in " ".join("".join(capsys.readouterr()).split())

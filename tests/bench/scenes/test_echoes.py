@@ -52,7 +52,7 @@ def test_coarse_meshes_are_split_until_they_sample_the_wavelength(tmp_path):
 def test_a_mesh_turned_inside_out_is_refused(tmp_path):
     whole = ball()
     inside_out = mesh(np.asarray(whole.vertices), np.asarray(whole.triangles)[:, ::-1])
-    with pytest.raises(HandbenchError, match="no facet faces the array"):
+    with pytest.raises(HandbenchError, match="no facet of its mesh faces the array"):
         echoes(scene(tmp_path, inside_out, effects=["obliquity", "shadow_centre"]))
 
 

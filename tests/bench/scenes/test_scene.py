@@ -36,15 +36,15 @@ def scene_file(values: dict) -> SceneFile:
     ("change", "message"),
     [
         ({"sed": 1}, "unknown key 'sed'; did you mean 'seed'"),
-        ({"target": {"kind": "hand", "pose": "J"}}, "unknown pose"),
+        ({"target": {"kind": "hand", "pose": "J"}}, "this pose is unknown"),
         ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
         ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
         ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "a direction"),
-        ({"sensor": {"sweep": []}}, "the radar measures nothing"),
+        ({"sensor": {"sweep": []}}, "the radar has no tones"),
         ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
         ({"name": "../b"}, "'name'"),
         ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
-        ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "either"),
+        ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "both given"),
         ({"effects": ["noise", "shadow"]}, "'shadow' is not an effect"),
     ],
 )
@@ -150,9 +150,9 @@ LARGE = {"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}
 @pytest.mark.parametrize(
     ("target", "more", "message"),
     [
-        ({"kind": "mesh", "path": "../secret.ply"}, {}, "leaves the folder"),
+        ({"kind": "mesh", "path": "../secret.ply"}, {}, "is outside the folder"),
         (HAND["target"], {"photos": {}, "mount": {"offset_m": [0, 0, 0.32]}}, "back plate"),
-        ({"kind": "sphere", "distance_m": 0.01}, {}, "behind the array's plane"),
+        ({"kind": "sphere", "distance_m": 0.01}, {}, "behind the plane of the array"),
         (LARGE, {}, "triangles"),
     ],
 )

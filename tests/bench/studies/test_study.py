@@ -38,8 +38,8 @@ def test_a_case_that_fails_is_recorded_and_the_others_go_on(of, tmp_path):
 @pytest.mark.parametrize(
     ("cases", "only", "words"),
     [
-        ((4, 9), "5", "--only: no case of 'roots' holds '5'; there are 4, 9"),
-        ((-1, -2), "", "every case failed; the first: below zero"),
+        ((4, 9), "5", "--only: no case of 'roots' has '5' in its name; the cases are: 4, 9"),
+        ((-1, -2), "", "every case failed; the error of the first: below zero"),
     ],
 )
 def test_a_study_without_records_is_refused(of, tmp_path, cases, only, words):

@@ -136,7 +136,7 @@ def test_answers_hold_settings_to_their_worst(tmp_path, least, name):
 
 def test_no_answer_names_the_nearest(tmp_path):
     found = folder_with([SLOW, FAST, UNKNOWN], tmp_path / "t")
-    words = r"MAE ≤ 0.1 mm; the nearest, 'slow', has 0.5 mm \(up to 0.6 mm\)"
+    words = r"MAE ≤ 0.1 mm; the nearest is 'slow' with 0.5 mm \(up to 0.6 mm\)"
     with pytest.raises(HandbenchError, match=words):
         answer(found, max_error_mm=0.1)
     unsure = folder_with([replace(SLOW, low=None, high=None)], tmp_path / "u")
@@ -178,7 +178,7 @@ REFUSED = {
     "method": ({"method": "2fks"}, "did you mean '2fsk'"),
     "key": ({"sweep": {"tolerence": [1e-2]}}, "did you mean 'tolerance'"),
     "axis": ({"sweep": {"x.stp_m": [1e-3]}}, "stp_m"),
-    "no table": ({"sweep": {"tolerance.fine": [1]}}, "is no table"),
+    "no table": ({"sweep": {"tolerance.fine": [1]}}, "is not a table"),
     "twice": ({"sweep": {"tolerance": [1e-2, 1e-2]}}, "listed twice"),
     "nothing": ({"sweep": {"tolerance": []}}, "test: "),
     "no antenna": ({"every_nth_antenna": [0]}, "test: "),
@@ -197,5 +197,5 @@ def test_the_default_sweep_is_whole_and_a_reference_is_one_of_it():
     assert {"2fsk", "3fsk", "broadband", "narrowband"} <= {s.method for s in settings}
     own = complete_sweep(TradeoffSweep(repeats=7))
     assert (own.repeats, own.imaging) == (7, default().imaging)
-    with pytest.raises(HandbenchError, match=r"tradeoff\.reference: no setting 'x'"):
+    with pytest.raises(HandbenchError, match=r"tradeoff\.reference: there is no setting 'x'"):
         imaging_settings(sweep(method="2fsk").model_copy(update={"reference": "x"}), {})

@@ -92,7 +92,7 @@ def test_what_a_setting_cannot_do_is_left_out_and_reported(small_bench, tmp_path
     assert found.facts.claims == ()
     alone = small_bench.read_text().partition("[tradeoff]")[0]
     small_bench.write_text(f'{alone}[tradeoff]\nsections = ["imaging"]{BROADBAND}')
-    words = "every section failed; the first: every capture failed"
+    words = "every section failed; the error of the first: every capture failed"
     with pytest.raises(HandbenchError, match=words):
         sweep(small_bench, tmp_path / "none")
 
@@ -100,7 +100,7 @@ def test_what_a_setting_cannot_do_is_left_out_and_reported(small_bench, tmp_path
 def test_the_same_trade_off_is_read_and_another_refused(small_bench, tmp_path, capsys):
     first = sweep(declare(small_bench, FEW), tmp_path / "out")
     assert sweep(small_bench, tmp_path / "out").settings == first.settings
-    assert "overwrite=True measures anew" in capsys.readouterr().err
+    assert "overwrite=True measures them again" in capsys.readouterr().err
     scene = small_bench.parent / "ball.toml"
     scene.write_text(scene.read_text().replace("seed = 3", "seed = 4"))
     changed = sweep(small_bench, tmp_path / "out")
@@ -113,7 +113,7 @@ def test_the_same_trade_off_is_read_and_another_refused(small_bench, tmp_path, c
 
 def test_results_of_a_run_are_not_mixed_with(small_bench, small_result, tmp_path):
     shutil.copytree(small_result, tmp_path / "out")
-    with pytest.raises(HandbenchError, match="holds the results of `handbench run`"):
+    with pytest.raises(HandbenchError, match="has the results of `handbench run`"):
         sweep(small_bench, tmp_path / "out", overwrite=True)
     assert (tmp_path / "out" / "result.json").exists()
 
@@ -134,6 +134,6 @@ def test_the_command_sweeps_then_answers_or_says_what_is_nearest(small_bench, tm
     words = f"handbench run {out / 'settings' / '3fsk.toml'} -o RESULTS"
     assert capsys.readouterr().out.rstrip().endswith(words)
     assert main([*command, "imaging", "--max-time", "1us"]) == 2
-    assert "the nearest, '3fsk'" in capsys.readouterr().err
+    assert "the nearest is '3fsk'" in capsys.readouterr().err
     assert main([*command, "imagining"]) == 2
     assert "--sections" in capsys.readouterr().err

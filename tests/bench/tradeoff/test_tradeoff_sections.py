@@ -216,7 +216,10 @@ def test_the_error_is_the_distance_where_both_surfaces_are(ball, shifted, tmp_pa
 @pytest.mark.parametrize(
     ("knobs", "words"),
     [
-        ({"scenes": ["one fingr, skin"]}, "no scene of fingers; did you mean 'one finger, skin'"),
+        (
+            {"scenes": ["one fingr, skin"]},
+            "not a scene of fingers; did you mean 'one finger, skin'",
+        ),
         ({"without": [["multipth"]]}, "'multipth' is not an effect; did you mean 'multipath'"),
     ],
 )

@@ -102,16 +102,19 @@ ECHOES = {
     "conjugated": (conjugate, "m, conjugate the samples"),
     "tones": (lambda c: tones(c, TONES_HZ[::-1]), "reverse frequencies_hz"),
     "swapped": (swapped, "exchange tx_m and rx_m"),
-    "x negated": (lambda c: placed(c, X), "mirrored in x: undone, the median error falls from"),
+    "x negated": (
+        lambda c: placed(c, X),
+        "mirrored in x; after correcting this, the median error falls from",
+    ),
     "millimetres": (lambda c: placed(c, 1e3 * ONE), "multiply them by 1e-3"),
     "centimetres": (lambda c: placed(c, 1e2 * ONE), "multiply them by 1e-2"),
-    "kilometres": (lambda c: placed(c, 1e-3 * ONE), "kilometres? multiply them by 1e3"),
-    "y and z": (lambda c: placed(c, ONE[[0, 2, 1]]), "looks along y"),
+    "kilometres": (lambda c: placed(c, 1e-3 * ONE), "in km, multiply them by 1e3"),
+    "y and z": (lambda c: placed(c, ONE[[0, 2, 1]]), "faces y"),
     "gigahertz": (lambda c: tones(c, TONES_HZ / 1e9), "multiply them by 1e9"),
     "megahertz": (lambda c: tones(c, TONES_HZ / 1e6), "multiply them by 1e6"),
-    "kilohertz": (lambda c: tones(c, TONES_HZ / 1e3), "kilohertz? multiply them by 1e3"),
+    "kilohertz": (lambda c: tones(c, TONES_HZ / 1e3), "in kHz, multiply them by 1e3"),
     "one way": (lambda _: plate_echoes(0.5), "one way only the median error falls"),
-    "nothing": (lambda c: c, "nothing looks wrong"),
+    "nothing": (lambda c: c, "no problem found"),
 }
 SURFACES = {
     "upside down": (X @ Y, "upside down"),
@@ -200,14 +203,14 @@ def test_imaging_and_scoring_say_what_they_doubt_and_inspect_does(right, tmp_pat
     assert "mirrored in z" in json.loads(found.out)["doubts"][0] and "mirrored in z" in found.err
     assert main(["evaluate", str(depth), "--mesh", mesh]) == 0
     assert "doubts" not in json.loads(capsys.readouterr().out)
-    assert "nothing looks wrong" in inspected(capsys, depth, "--mesh", mesh)
+    assert "no problem found" in inspected(capsys, depth, "--mesh", mesh)
     assert "mirrored in z" in inspected(capsys, depth, "--mesh", behind)
     transform = tmp_path / "t.json"
     transform.write_text('{"from": "photo"}')
     words = depth, "--mesh", mesh, "--transform", transform
     assert f"{transform}: " in inspected(capsys, *words)
     assert main(["inspect", str(folder), "--mesh", mesh]) == 2
-    assert "capture has its own surface" in capsys.readouterr().err
+    assert "capture folder has its own mesh" in capsys.readouterr().err
 
 
 def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, capsys):
@@ -216,7 +219,7 @@ def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, ca
     write_photos(build(parse(SceneFile, scene, "the ball")), tmp_path)
     folder = tmp_path / "photos"
     (folder / "truth_cameras.json").unlink()
-    assert inspected(capsys, folder).strip() == f"{folder}: nothing looks wrong"
+    assert inspected(capsys, folder).strip() == f"{folder}: no problem found"
     file, board = folder / "cameras.json", folder / "board.toml"
     right = file.read_text()
     turned = {"width": "height", "height": "width"}
@@ -227,13 +230,13 @@ def test_photographs_are_held_against_their_cameras_and_their_board(tmp_path, ca
     for marker in content["marker"]:
         marker["corners_m"] = (10 * np.array(marker["corners_m"])).tolist()
     board.write_text(tomlkit.dumps(content))
-    assert "ten times too large" in inspected(capsys, folder)
+    assert "ten times too far" in inspected(capsys, folder)
 
 
 @pytest.mark.parametrize(
     ("kept", "words"),
     [
-        (np.s_[:], "nothing looks wrong"),
+        (np.s_[:], "no problem found"),
         (np.s_[:, ::-1], "inside out"),
         (np.s_[:2], "belong to only one triangle"),
     ],
@@ -256,14 +259,14 @@ def test_a_run_records_what_it_doubts_and_the_result_shows_it(right, tmp_path, c
         assert ("conjugate the samples" in capsys.readouterr().err) == seen
         doubts = json.loads((out / "result.json").read_text())["facts"]["doubts"]["plate"]
         assert len(doubts) == 1 and "conjugate the samples" in doubts[0]
-    assert "plate: the echoes focus better" in inspected(capsys, out)
+    assert "plate: the image of the conjugated echoes" in inspected(capsys, out)
     assert "conjugate the samples" in inspected(capsys, bench)
     (plate / "truth.ply").unlink()
     bench.unlink()
     written(tmp_path / "all" / "right", right)
     assert "conjugate the samples" in inspected(capsys, plate)
     lines = inspected(capsys, tmp_path / "all")
-    assert "plate: warning: the echoes focus better" in lines and "right: " not in lines
+    assert "plate: warning: the image of the conjugated echoes" in lines and "right: " not in lines
 
 
 def test_every_check_s_advice_takes_the_facts_of_its_thing(right, tmp_path, monkeypatch):

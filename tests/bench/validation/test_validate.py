@@ -101,12 +101,12 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
     same(
         found_in(folder),
         ("capture.toml:1", "'version' is 2; input should be 1"),
-        ("capture.toml:2", "'a/b' cannot name a file"),
+        ("capture.toml:2", "'a/b' cannot be the name of a file"),
         ("capture.toml:3", "unknown key 'kint'; did you mean 'kind'"),
         ("capture.toml:4", "'distance_m' is 'near'"),
         ("capture.toml:5", "'units' is 'mm'; input should be 'm'"),
-        ("capture.toml:8", "photos is listed, but missing"),
-        ("capture.toml:9", r"'\.\./secret' leaves the folder"),
+        ("capture.toml:8", "photos is listed but missing"),
+        ("capture.toml:9", r"'\.\./secret' is outside the folder"),
         ("capture.toml:12", "'methods.2fsk.f1_hz' is -1.0"),
         ("capture.toml:13", "unknown key 'methods.2fsk.f3_hz'; did you mean 'f[12]_hz'"),
         ("capture.toml:14", "unknown id '2fks'; did you mean '2fsk'"),
@@ -163,12 +163,12 @@ def test_every_problem_of_a_benchmark(tmp_path):
         found_in(base / "b.toml"),
         ("b.toml:4", "unknown key 'sead'; did you mean 'seed'"),
         ("b.toml:6", "'groundtruth.quality' is 'best'"),
-        ("b.toml:9", "capture 'ball' in again is named as the one in a"),
-        ("b.toml:12", r"'\.\./a' leaves the folder"),
+        ("b.toml:9", "capture 'ball' in again has the same name as the one in a"),
+        ("b.toml:12", r"'\.\./a' is outside the folder"),
         ("b.toml:14", "missing is missing"),
         ("scene.toml:6", "unknown key 'target.radius_m'"),
-        ("b.toml:17", "'u' has 3 frames, but the precision of '2fsk' takes repeats = 4"),
-        ("b.toml:17", "'u': nothing carries its surface into the radar frame"),
+        ("b.toml:17", "'u' has 3 frames, but the precision of '2fsk' needs repeats = 4"),
+        ("b.toml:17", "'u': nothing transforms its surface to the radar frame"),
         ("b.toml:23", "unknown id '3fks'; did you mean '3fsk'"),
         ("b.toml:27", "'method.2.config.threshold_db' is 'low'"),
         ("b.toml:28", "'method.2.config.x.start_m' is missing"),
@@ -215,7 +215,7 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
         *("echoes.h5", "truth.ply", "mesh.ply", "radar_from_photo.json:3", "photos"),
         *("target.toml:2", "photos/board.toml:1", "photos/cameras.json:2"),
     }
-    assert any("found 0 photographs" in problem for problem in found)
+    assert any("found only 0 photographs" in problem for problem in found)
     words = "photos/cameras.json:3: unknown key 'cameras.1.nome'; did you mean 'name'"
     assert any(problem.startswith(words) for problem in found)
     shutil.copyfile(make_capture(tmp_path / "b") / "echoes.h5", folder / "echoes.h5")
@@ -225,10 +225,13 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
 
 def test_a_capture_without_its_parts_is_named(tmp_path):
     folder = make_capture(tmp_path / "a", kind="target")
-    same(found_in(folder), (".", "target's capture without target.toml"))
+    same(found_in(folder), (".", "capture of the calibration target without target.toml"))
     for name in ("capture.toml", "truth.ply"):
         (folder / name).unlink()
-    expected = ("capture.toml", "expected a capture description"), (".", "nothing to score against")
+    expected = (
+        ("capture.toml", "expected a capture description"),
+        (".", "has no surface to compare depths with"),
+    )
     same(found_in(folder), *expected)
 
 
@@ -240,16 +243,21 @@ def test_millimetres_are_suspected_in_words_that_say_so(tmp_path, capsys):
     Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
     found = found_in(folder)
     assert len(found) == 6 and all(": warning: " in problem for problem in found)
-    of_facts = "distance_m is 300", "box_m reaches 90", "moves by 400 m"
+    of_facts = "distance_m is 300", "box_m reaches 90", "moves points by 400 m"
     for words in (*of_facts, "an antenna is", "gigahertz", "is 100 m long"):
         assert sum(words in problem for problem in found) == 1
     show([str(folder)])
-    assert capsys.readouterr().out.endswith("6 warnings, 1 input; fine, if meant so\n")
+    assert capsys.readouterr().out.endswith(
+        "6 warnings, 1 input; correct the warnings listed above, unless they are intended\n"
+    )
     matrix[:3, 3] = (0, 0, -0.5)
     folder = make_capture(tmp_path / "b")
     shutil.copyfile(folder / "truth.ply", folder / "mesh.ply")
     Transform("photo", "radar", matrix).save(folder / "radar_from_photo.json")
-    same(found_in(folder), ("radar_from_photo.json", "behind the radar; is it the inverse"))
+    same(
+        found_in(folder),
+        ("radar_from_photo.json", "behind the radar; check that it is not the inverse"),
+    )
     (folder / "capture.toml").write_text('version = 1\nname = "b"\nbox_m = [0, 0, 0, 1, 1, -1]\n')
     assert any(problem.startswith("capture.toml:3: box_m is") for problem in found_in(folder))
 
@@ -274,8 +282,8 @@ def test_a_scene_s_files_and_tones_are_checked_where_they_are_named(tmp_path):
     (tmp_path / "x.ply").write_text("ply")
     file = tmp_path / "s.toml"
     for name, words in (
-        ("x.ply", "holds no triangles"),
-        ("../x.ply", "leaves the folder"),
+        ("x.ply", "has no triangles"),
+        ("../x.ply", "is outside the folder"),
         ("y.ply", "nothing"),
     ):
         array = '[sensor]\narray = "radar"\n'
@@ -284,19 +292,19 @@ def test_a_scene_s_files_and_tones_are_checked_where_they_are_named(tmp_path):
     make_capture(tmp_path / "a")
     file.write_text(SPHERE)
     (tmp_path / "b.toml").write_text(TWO)
-    words = "'s' with method '{}': frequencies: the method asks for 79.5000 GHz"
+    words = "'s' with method '{}': frequencies: the method needs a tone at 79.5000 GHz"
     expected = [("b.toml:5", words.format(id)) for id in ("3fsk", "nfsk")]
     same(found_in(tmp_path / "b.toml"), *expected)
     about = 'version = 1\nname = "a"\n[methods.3fsk]\nf3_hz = 72e9\n'
     (tmp_path / "a" / "capture.toml").write_text(about)
-    words = "'a' with method '3fsk': frequencies: the method asks for 72"
+    words = "'a' with method '3fsk': frequencies: the method needs a tone at 72"
     assert any(words in problem for problem in found_in(tmp_path / "b.toml"))
 
 
 def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_bench, capsys):
     fine = make_capture(tmp_path / "fine")
     show([str(fine), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
-    assert capsys.readouterr().out.count(": nothing looks wrong\n") == 4
+    assert capsys.readouterr().out.count(": no problem found\n") == 4
     for number in range(6):
         folder = make_capture(tmp_path / "data" / f"c{number}", name=f"c{number // 2}")
         if number % 5 == 0:
@@ -304,4 +312,4 @@ def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_benc
     with pytest.raises(HandbenchError, match="inspect: 2 problems, 3 warnings, 1 input"):
         show([str(tmp_path / "data")])
     out = capsys.readouterr().out
-    assert out.count("\n") == 5 and out.count("no benchmark can hold both") == 3
+    assert out.count("\n") == 5 and out.count("a benchmark needs different names") == 3

@@ -91,7 +91,7 @@ def rails(stops=3, heights=32):
 
 def planted(seed, kind=None, unknown=None, snr_db=None, points=None) -> Planted:
     """A capture, drawn by a seed: one to six points, an offset of -5 to 20 cm, steps up to 8 %
-    wrong, gains of 1.7 dB and 0.5 rad, noise at -10 to 20 dB."""
+    wrong, gains of 1.7 dB and 0.3 rad, noise at -10 to 20 dB."""
     draw = np.random.default_rng(seed)
     kind = kind or draw.choice(list(ASKED))
     tones_hz, aperture, tx_m, rx_m, moves, parts, (near_m, far_m) = instrument(kind)
@@ -105,7 +105,7 @@ def planted(seed, kind=None, unknown=None, snr_db=None, points=None) -> Planted:
     gains = np.ones(len(tx_m), complex)
     for part in parts if "gains" in unknown else ():
         size = part.max() + 1
-        gains *= np.exp(draw.normal(size=size) * 0.2 + 0.5j * draw.normal(size=size))[part]
+        gains *= np.exp(draw.normal(size=size) * 0.2 + 0.3j * draw.normal(size=size))[part]
     samples = recorded(tones_hz, tx_m, rx_m, moves * np.append(steps - 1, 0), points_m, echoes)
     samples *= gains * np.exp(-4j * np.pi * offset_m * tones_hz / SPEED_OF_LIGHT_M_S)[:, None]
     level = 10 ** (-(draw.uniform(-10, 20) if snr_db is None else snr_db) / 20)

@@ -42,7 +42,7 @@ def test_a_wrong_pair_is_named_with_its_capture(rng, capsys):
     captures = [captured(rng) for _ in range(2)]
     captures[1].target_m[3] += [0, 0.04, 0]
     combine(captures, names=["monday", "friday"])
-    assert "registration: friday, pair 4 lies 40" in capsys.readouterr().err
+    assert "registration: friday, pair 4 is 40" in capsys.readouterr().err
 
 
 def test_captures_between_which_the_rig_moved_are_not_combined(rng):
@@ -50,7 +50,7 @@ def test_captures_between_which_the_rig_moved_are_not_combined(rng):
     expected = (
         r"the rig moved between (first|second) and third: (1\.9|2)\S* mm at the hand's centre "
         r"\(95 % interval 1\.\S+ to 2\.\S+ mm; χ² = \S+ for 6 degrees of freedom, p = \S+\); "
-        r"use the captures on one side of the move alone"
+        r"use only the captures before"
     )
     with pytest.raises(HandbenchError, match=expected):
         combine(captures, names=["first", "second", "third"])
@@ -111,10 +111,14 @@ def test_transforms_that_cannot_be_compared_are_refused(rng):
     pairs = captured(rng)
     rigid, similar = solve(pairs), solve(pairs, with_scale=True)
     for other, common_m2, words in (
-        (similar, None, "sizes 6 and 7; expected 6 and 6, or 7 and 7 with scale"),
+        (similar, None, "the sizes 6 and 7; expected 6 and 6, or 7 and 7 with a scale"),
         (Transform("photo", "radar", np.eye(4)), None, "sizes 6 and 0"),
-        (identity("radar"), None, "the second: leads from 'radar' to 'radar'; expected one from"),
-        (rigid, COMMON_M2, "do not hold the common error given"),
+        (
+            identity("radar"),
+            None,
+            "the second: is a transform from 'radar' to 'radar'; expected one from",
+        ),
+        (rigid, COMMON_M2, "do not include the common error"),
     ):
         with pytest.raises(HandbenchError, match=words):
             motion(rigid, other, common_m2)

@@ -105,11 +105,11 @@ def test_foam_faces_pull_little_and_a_hidden_ball_is_not_invented(rng, target, p
 @pytest.mark.parametrize(
     ("aperture", "tones", "expected"),
     [
-        (PlanarScan(np.zeros((4, 3))), 128, "expected a MIMO array"),
+        (PlanarScan(np.zeros((4, 3))), 128, "use echoes of a MIMO array"),
         (
             AntennaArray(ARRAY.tx_m[:2], ARRAY.rx_m[:2]),
             3,
-            "3 tones leave the range open beyond 30 mm",
+            "3 tones are ambiguous in range beyond 30 mm",
         ),
     ],
 )

@@ -36,14 +36,14 @@ def test_round_trip_through_a_file(tmp_path):
     [
         (MARKER_FILE * 2, "two markers have the same id"),
         ("[[marker]]\nid = 1\ncorners_m = [[0.0, 0.0, 0.0]]\n", r"corners_m.*at least 4"),
-        ('dictionary = "DICT_4X4_50"\n', "names neither a"),
-        (CHARUCO_FILE.replace("0.02", "0.03"), "a marker is smaller than its square"),
+        ('dictionary = "DICT_4X4_50"\n', "the board has no marker"),
+        (CHARUCO_FILE.replace("0.02", "0.03"), "a marker must be smaller than the square"),
         (CHARUCO_FILE.replace("rows", "row"), "did you mean 'rows'"),
-        (MARKER_FILE + CHARUCO_FILE, "marker 9 is in the charuco board too"),
-        ('dictionary = "APRIL"\n' + MARKER_FILE, "unknown dictionary 'APRIL'"),
+        (MARKER_FILE + CHARUCO_FILE, "marker 9 is also in the charuco board"),
+        ('dictionary = "APRIL"\n' + MARKER_FILE, "the dictionary 'APRIL' is unknown"),
         (
             CHARUCO_FILE.replace("4", "11").replace("5", "10"),
-            "charuco has 55 markers, the dictionary 'DICT_4X4_50' 50",
+            "needs 55 markers, but the dictionary 'DICT_4X4_50' has 50",
         ),
     ],
 )

@@ -35,7 +35,7 @@ def test_a_colmap_model_gives_intrinsics_and_metric_poses_only_with_metric(
     assert cameras[0].params == tuple(model.cameras[1].params)
     for camera in cameras_of(photos_of(model), folder):
         assert camera.R is None and camera.t is None and camera.params == cameras[0].params
-    assert "COLMAP's poses have no unit" in capsys.readouterr().err
+    assert "COLMAP's camera poses have no unit" in capsys.readouterr().err
 
 
 def test_every_kind_of_file_names_the_photographs(tmp_path, model):
@@ -69,7 +69,9 @@ def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
         "p1.png",
         "p2.png",
     ]
-    assert "images/p3.png is not among the photographs; left out" in capsys.readouterr().err
+    assert (
+        "images/p3.png is not among the photographs, so it is left out" in capsys.readouterr().err
+    )
     assert loaded.num_points3D() == 60
 
 
@@ -80,7 +82,7 @@ def test_two_images_of_one_name_are_one_too_many(tmp_path, model):
         image.name = {"p0.png": "l/a.png", "p1.png": "r/a.png"}.get(image.name, image.name)
     save_cameras(tmp_path / "c.json", cameras_in(model))
     with pytest.raises(
-        HandbenchError, match=r"l/a\.png and r/a\.png may both be a\.png; rename one"
+        HandbenchError, match=r"l/a\.png and r/a\.png may both be the photograph a\.png; rename one"
     ):
         cameras_of((Photo(None, "a.png", 400, 300),), tmp_path / "c.json")
     photos = tuple(Photo(None, name, 400, 300) for name in ("r/a.png", "p2.png"))
@@ -101,20 +103,20 @@ def _lens(*params):
     return change
 
 
-NONSENSE = "no sensible numbers"
+NONSENSE = "impossible values"
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_wide, r"p0\.png is 800 × 300 there, the photograph has 400 × 300"),
+        (_wide, r"p0\.png is for 800 × 300 pixels, but the photograph has 400 × 300"),
         (lambda _, folder: folder.write_text(""), "expected a folder with a COLMAP model"),
         (
             lambda model, folder: (write(model, folder) / "cameras.bin").unlink(),
             "is not readable as a COLMAP model",
         ),
-        (lambda _, folder: write(exact_model(CENTRES, 19), folder), "holds 0 of the 4"),
-        (lambda _, folder: write(exact_model(CENTRES[:2]), folder), "holds 2 of the 4"),
+        (lambda _, folder: write(exact_model(CENTRES, 19), folder), "has cameras for 0 of the 4"),
+        (lambda _, folder: write(exact_model(CENTRES[:2]), folder), "has cameras for 2 of the 4"),
         (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), NONSENSE),
         (_lens(440, 441, 201, -9, 0, 0, 0, 0), NONSENSE),
         (_lens(8010, 8010, 201, 149, 0, 0, 0, 0), NONSENSE),

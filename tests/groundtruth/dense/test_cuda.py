@@ -128,7 +128,7 @@ def test_a_broken_map_is_refused(tmp_path, content):
     if content is not None:
         file.write_bytes(content)
     with pytest.raises(
-        HandbenchError, match=r"0\.png\.geometric\.bin: is missing or broken .*3 × 2.*dense=.cpu."
+        HandbenchError, match=r"0\.png\.geometric\.bin: is missing or has .*3 × 2.*dense=.cpu."
     ):
         cuda.read_map(file, (2, 3, 1))
 
@@ -150,7 +150,8 @@ def test_a_search_that_ends_its_process_is_one_line(tmp_path, monkeypatch, endin
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with pytest.raises(
-        HandbenchError, match=rf"COLMAP's stereo failed on the CUDA device \({reason}.*dense=.cpu."
+        HandbenchError,
+        match=rf"COLMAP's stereo search failed on the CUDA device \({reason}.*dense=.cpu.",
     ):
         cuda.search(tmp_path, options)
 
@@ -166,7 +167,7 @@ def test_where_depth_maps_are_made(tmp_path, monkeypatch, choice, devices, place
     assert inputs.resolve(tmp_path, Options(unscaled=True, dense=choice))[1].dense == place
     monkeypatch.setattr(inputs, "cuda_devices", lambda: 0)
     with pytest.raises(
-        HandbenchError, match=r"dense: cuda is asked for.*handbench\[cuda\].*leave the option out"
+        HandbenchError, match=r"dense: CUDA is requested.*handbench\[cuda\].*leave the option out"
     ):
         inputs.resolve(tmp_path, Options(dense="cuda"))
 

@@ -116,7 +116,7 @@ def test_a_surface_that_runs_on_is_reported(capsys):
     cut = replace(fits, box_m=(-0.2, -0.2, -0.01, 0.05, 0.2, 0.2))
     warn_of_cuts(cut, cloud, PLANE)
     assert (
-        "at its side x = 0.050, and the surface may continue there; set a larger box_m"
+        "at the side x = 0.050 m of the box, so it may cut the surface; give a larger box_m"
         in capsys.readouterr().err
     )
     warn_of_cuts(replace(cut, source="given"), cloud, PLANE)

@@ -17,7 +17,8 @@ FACES = np.array([(0, 1, 2), (2, 1, 3)])
 def test_a_unit_that_makes_no_target_is_refused(tmp_path, unit_m, length):
     write_mesh(tmp_path / "hand.ply", mesh(VERTICES_MM, FACES))
     with pytest.raises(
-        HandbenchError, match=rf"hand\.ply: is {length} m long; expected 0\.005 to 50 m: is --unit"
+        HandbenchError,
+        match=rf"hand\.ply: is {length} m long; expected 0\.005 to 50 m; check --unit",
     ):
         metric_mesh(tmp_path / "hand.ply", unit_m)
 
@@ -39,4 +40,4 @@ def test_the_command_takes_a_mesh_over(tmp_path, capsys):
     assert "exists already" in capsys.readouterr().err
     command[1] = str(tmp_path)
     assert main([*command, "--unit", "mm", "--overwrite"]) == 2
-    assert "--unit: is for a mesh file" in capsys.readouterr().err
+    assert "--unit: is only for a mesh file" in capsys.readouterr().err

@@ -125,21 +125,27 @@ def test_every_form_and_dialect_holds_the_same_triangles(tmp_path, name, content
 
 
 LIES = [  # a PLY's content, and words of its refusal
-    (header(faces=10**8) + rows(), f"promises 100000000 of 'face'; at most {MOST}"),
-    (header(faces=MOST) + rows(), "promises 50000000 of 'face', at least 50000000 bytes"),
-    (header(faces=1) + rows(), "13 bytes follow what its header promises"),
-    (header(faces=0) + rows(faces=()), "holds no triangles; expected"),
+    (header(faces=10**8) + rows(), f"declares 100000000 of 'face', more than {MOST}"),
+    (
+        header(faces=MOST) + rows(),
+        "declares 50000000 of 'face', which need at least 50000000 bytes",
+    ),
+    (header(faces=1) + rows(), "13 bytes follow after the data"),
+    (header(faces=0) + rows(faces=()), "has no triangles; expected"),
     (header(of_vertex=XYZ + "property float x\n"), "declared twice"),
-    (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "lack x, y or z"),
+    (header(of_vertex=XYZ[:-17]) + rows(values=VERTICES_M[:, :2]), "have no x, y or z"),
     (header() + rows(faces=[(0, 1), (1, 2)]), "a face has 2 corners"),
-    (header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26, "-1 entries"),
-    (ply()[:-1], "it ends amid the 2 of 'face'"),
-    (header().replace(b"format binary_little_endian 1.0\n", b""), "names no format"),
-    (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "by what is no whole number"),
-    (ascii_ply(("3 0 2 1", "3 1 2")), "it ends amid"),
-    (header() + rows(faces=FACES + 1), "names vertex 4, but there are 4"),
+    (
+        header(of_face=LIST.replace("uchar", "char")) + rows()[:48] + b"\xff" * 26,
+        "has the length -1",
+    ),
+    (ply()[:-1], "it ends before all 2 of 'face'"),
+    (header().replace(b"format binary_little_endian 1.0\n", b""), "header has no format"),
+    (ascii_ply(("3 0 2 1.5", "3 1 2 3")), "that is not a whole number"),
+    (ascii_ply(("3 0 2 1", "3 1 2")), "it ends before all"),
+    (header() + rows(faces=FACES + 1), "uses vertex 4, but there are only 4"),
     (header() + rows(values=np.where(VERTICES_M < 0.31, VERTICES_M, np.nan)), "2 vertices are NaN"),
-    (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex lies 1e+30 m away"),
+    (ascii_ply().replace(b"0.400000006", b"1e30"), "a vertex is 1e+30 m from the origin"),
 ]
 
 
@@ -151,14 +157,18 @@ LIES = [  # a PLY's content, and words of its refusal
         ("a.obj", obj().replace(b"f 1 3 2", b"f" + b" 1" * 2000), "line 9, 'f 1 1 1"),
         ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", "4 corners crosses itself"),
         ("a.obj", obj().replace(b"v 0.0", b"v 0,0"), "line 3, 'v 0,0 .*, has decimal commas"),
-        ("a.obj", b"vertex 1 2 3\n" + obj(), "line 1, 'vertex 1 2 3', is no vertex, face"),
-        ("a.stl", stl()[:-1], "its 2 triangles take 184 bytes, but it has 183|corners"),
-        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "triangles take 5000000084 bytes, but"),
-        ("a.stl", ascii_stl()[:-30], "6 corners and 1 whole triangles"),
-        ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is no vertex"),
-        ("a.stl", ascii_stl().replace(b"solid a", b"solid\ncolour"), "line 2, 'colour', begins"),
+        ("a.obj", b"vertex 1 2 3\n" + obj(), "line 1, 'vertex 1 2 3', is not a vertex, a face"),
+        ("a.stl", stl()[:-1], "its 2 triangles need 184 bytes, but the file has 183|corners"),
+        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), "triangles need 5000000084 bytes, but"),
+        ("a.stl", ascii_stl()[:-30], "6 corners and 1 complete triangles"),
+        ("a.stl", ascii_stl().replace(b"vertex 0.0", b"vertex O.O", 1), "line 4 is not a vertex"),
+        (
+            "a.stl",
+            ascii_stl().replace(b"solid a", b"solid\ncolour"),
+            "line 2, 'colour', does not begin",
+        ),
         ("a.stl", stl().replace(b"\xcd\xcc\xcc\x3d", b"\xff\xff\xff\x7f"), "are NaN"),
-        ("a.gltf", b"{}", r"is no \.ply, \.obj, \.stl file"),
+        ("a.gltf", b"{}", r"is not a \.ply, \.obj, \.stl file"),
     ],
 )
 def test_a_mesh_that_lies_is_refused_in_one_line(tmp_path, name, content, message):

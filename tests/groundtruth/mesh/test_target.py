@@ -59,7 +59,7 @@ def test_the_target_is_kept_where_the_board_is_the_largest_part(z_m, capsys):
     seen = seen[seen[:, 2] > 1.5 * margin_m(PLANE, PIXEL_M)]
     assert KDTree(vertices_m).query(seen)[0].max() < 3 * PIXEL_M  # all of it, down to the margin
     assert len(target.parts) == 1 and target.kept == "what stands off the board"
-    assert "above the board: dropped" in capsys.readouterr().err
+    assert "above the board, so they are left out" in capsys.readouterr().err
 
 
 def strips(counts, heights_m):

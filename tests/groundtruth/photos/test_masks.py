@@ -46,14 +46,14 @@ def test_masks_are_found_under_both_names(tmp_path, photo, name):
 
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
     for mask, words in (
-        (DISC[::2, ::2], r"is 120 × 80, a\.png has 240 × 160 pixels"),
+        (DISC[::2, ::2], r"is a mask of 120 × 80 pixels, but a\.png has 240 × 160"),
         (np.zeros_like(DISC), "is zero everywhere"),
     ):
         write(tmp_path / "masks", "a.png", mask)
         with pytest.raises(HandbenchError, match=words):
             find_masks(tmp_path / "masks", (photo,))
     other = Photo(tmp_path / "b.jpg", "b.jpg", 4, 4)
-    with pytest.raises(HandbenchError, match=r"no mask for b\.jpg; expected b\.jpg\.png or b\.png"):
+    with pytest.raises(HandbenchError, match=r"no mask for b\.jpg; add b\.jpg\.png or b\.png"):
         find_masks(tmp_path / "masks", (photo, other))
 
 
@@ -78,7 +78,7 @@ def test_nothing_is_cut_out_of_an_even_picture(tmp_path, capsys, camera):
     cv2.imwrite(str(tmp_path / "plain.png"), np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8))
     plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
     assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
-    assert "plain.png: no target stands out" in capsys.readouterr().err
+    assert "plain.png: the target cannot be separated" in capsys.readouterr().err
 
 
 def test_a_view_is_unknown_outside_the_mask(photo, camera):

@@ -65,6 +65,6 @@ def test_a_lens_that_is_not_the_same_when_turned_is_refused(tmp_path):
     camera = Camera(name="a.png", width=24, height=32, model="THIN_PRISM_FISHEYE", params=params)
     with pytest.raises(
         HandbenchError,
-        match=r"a\.png: is of the upright picture.*THIN_PRISM_FISHEYE cannot be turned",
+        match=r"a\.png: is calibrated for the upright.*THIN_PRISM_FISHEYE cannot be rotated",
     ):
         stored_camera(photo, camera)

@@ -49,12 +49,12 @@ def _mirrored(folder):
             lambda folder: (folder / "a.png").write_bytes(b"no picture"),
             r"a\.png: is not a readable photograph",
         ),
-        (_mirrored, r"mirror\.jpg: its EXIF orientation 5 says that it is mirrored"),
+        (_mirrored, r"mirror\.jpg: its EXIF orientation 5 says that the picture is mirrored"),
         (
             lambda folder: Image.fromarray(np.zeros((8, 8), np.float32)).save(folder / "a.tif"),
-            r"a\.tif: has 32 bits a pixel; expected 8 or 16",
+            r"a\.tif: has 32 bits per pixel; save it with 8 or 16",
         ),
-        (lambda folder: (folder / "p0.png").unlink(), r"found 2 photographs .* at least 3"),
+        (lambda folder: (folder / "p0.png").unlink(), r"found only 2 photographs .* at least 3"),
         (shutil.rmtree, "expected a folder with photographs"),
     ],
 )
@@ -110,10 +110,12 @@ def test_repetitions_are_dropped(tmp_path, capsys):
     assert capsys.readouterr().err == ""
     Image.open(tmp_path / "p1.png").save(tmp_path / "p9.tif")  # another file, the same pixels
     assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p2.png", "p3.png"]
-    assert "p9.tif: the same pixels as p1.png; left out" in capsys.readouterr().err
+    assert "p9.tif: has the same pixels as p1.png" in capsys.readouterr().err
     for i in (0, 2, 3):
         (tmp_path / f"p{i}.png").write_bytes((tmp_path / "p1.png").read_bytes())
-    with pytest.raises(HandbenchError, match="only 1 photographs differ; at least 3 are needed"):
+    with pytest.raises(
+        HandbenchError, match="only 1 photographs are different; expected at least 3"
+    ):
         select_usable(find_photos(tmp_path))
 
 
@@ -127,10 +129,10 @@ def test_a_blurred_photograph_is_left_out_if_enough_remain(tmp_path, capsys, kin
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)) / 61.0
     blurred(tmp_path / "p2.png", disc if kind == "defocus" else np.eye(13) / 13)
     assert names(select_usable(find_photos(tmp_path))) == ["p0.png", "p1.png", "p3.png"]
-    assert "p2.png: blurred (" in (printed := capsys.readouterr().err) and "left out" in printed
+    assert "p2.png: is blurred (" in (printed := capsys.readouterr().err) and "left out" in printed
     (tmp_path / "p0.png").unlink()
     assert names(select_usable(find_photos(tmp_path))) == ["p1.png", "p2.png", "p3.png"]
-    assert "used, since there are few" in capsys.readouterr().err
+    assert "used, because there are only a few" in capsys.readouterr().err
 
 
 def test_photographs_without_texture_are_refused(tmp_path):

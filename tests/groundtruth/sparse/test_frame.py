@@ -74,7 +74,7 @@ def test_points_off_a_plane_tell_its_mirror_image():
     matrix, _, residuals_m = trimmed_similarity(2 * target_m, target_m, "corners")
     assert residuals_m.max() < 1e-9 and matrix[0, 0] == pytest.approx(0.5)
     with pytest.raises(
-        HandbenchError, match=r"4 of 16 corners lie where the mirror image .* right-handed"
+        HandbenchError, match=r"4 of 16 corners are where a mirror image .* right-handed"
     ):
         trimmed_similarity(target_m * (1, 1, -1), target_m, "corners")
     wrong_m = target_m + np.where(np.arange(16)[:, None] < 12, 0, random.uniform(-1, 1, (16, 3)))
@@ -117,8 +117,8 @@ def test_several_are_balanced_and_their_residual_reported():
 @pytest.mark.parametrize(
     ("pairs", "words"),
     [
-        ([(0, 9, 1.0)], r"p9\.png is not among the registered photographs \(p0\.png, p1"),
-        ([(0, 1, 0.3), (1, 2, 0.45)], r"p0\.png to p1\.png is given as 0\.3 m.*agree to 2%"),
+        ([(0, 9, 1.0)], r"p9\.png is not one of the registered photographs \(p0\.png, p1"),
+        ([(0, 1, 0.3), (1, 2, 0.45)], r"p0\.png to p1\.png is 0\.3 m.*agree to 2%"),
         ([(0, 0, 0.3)], "taken from the same point"),
     ],
 )

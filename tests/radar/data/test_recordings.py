@@ -138,7 +138,7 @@ def test_several_arrays_receive_their_own_echoes_alone():
         block = np.s_[:, :, k * T : (k + 1) * T, k * R : (k + 1) * R]
         np.testing.assert_array_equal(capture.samples[block], SAMPLES)
         np.testing.assert_array_equal(capture.aperture.rx_m[k * R : (k + 1) * R], RX_M + x)
-    with pytest.raises(HandbenchError, match="the same frames and tones of all"):
+    with pytest.raises(HandbenchError, match="all with the same frames and tones"):
         join_arrays([one, replace(one, samples=SAMPLES[:1])])
 
 
@@ -222,9 +222,9 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"tx_m": None, "samples": None},
-            r"lacks data set 'samples' \[frame, .*, data set 'tx_m' \[tx, 3\], metres; add",
+            r"has no data set 'samples' \[frame, .*, data set 'tx_m' \[tx, 3\], metres; add",
         ),
-        ({}, {"gain": np.ones((T, R))}, "unknown 'gain'; did you mean 'gains'?"),
+        ({}, {"gain": np.ones((T, R))}, "unknown item 'gain'; did you mean 'gains'?"),
         ({"time": "jwt"}, {}, r"time is 'jwt'; expected '\+jwt' or '-jwt'"),
         (
             {"sweeps": "median"},
@@ -241,23 +241,23 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"gains": np.ones((T, R + 1))},
-            r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) by tone",
+            r"gains: have shape \(3, 5\); expected \(3, 4\), or \(5, 3, 4\) with gains",
         ),
         ({}, {"pairs": EVERY}, r"samples: have shape \(2, 5, 3, 4\); expected \[frame, 5, 12\]"),
         (
             {},
             {"pairs": EVERY + 1, "samples": SAMPLES.reshape(2, 5, -1)},
-            "pairs: .* whole numbers from 0, of one of 3",
+            "pairs: .* whole numbers: a transmitter from 0 to 2",
         ),
         (
             {},
             {"pairs": EVERY * 0, "samples": SAMPLES.reshape(2, 5, -1)},
-            "pairs: 11 are there again; expected each once",
+            "pairs: 11 rows repeat an earlier pair",
         ),
         (
             {},
             {"position_m": TX_M},
-            "unknown 'rx_m'; known: frequencies_hz, gains, position_m, samples",
+            "unknown item 'rx_m'; known: frequencies_hz, gains, position_m, samples",
         ),
         ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],

@@ -173,11 +173,11 @@ def out_of_memory(*_):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (None, "CuPy is not installed; pip install 'handbench[gpu]', or leave the option out"),
-        ({"count": lambda: 0}, "no CUDA device found (the driver counts none); leave the"),
-        ({"count": no_device}, "no CUDA device found (cudaErrorNoDevice: none is detected)"),
-        ({"matmul": no_product}, "cannot compute (no libcublas.so.12)"),
-        ({"empty": out_of_memory}, "its memory is full (out of memory allocating 1,000 bytes)"),
+        (None, "needs CuPy, which is not installed; run pip install 'handbench[gpu]'"),
+        ({"count": lambda: 0}, "no CUDA device was found (the NVIDIA driver reports none); leave"),
+        ({"count": no_device}, "no CUDA device was found (cudaErrorNoDevice: none is detected)"),
+        ({"matmul": no_product}, "cannot compute on it (no libcublas.so.12)"),
+        ({"empty": out_of_memory}, "device is full (out of memory allocating 1,000 bytes)"),
     ],
 )
 def test_a_device_that_is_missing_or_fails_is_named_in_one_line(change, message, monkeypatch):
@@ -195,9 +195,9 @@ def test_a_device_that_is_missing_or_fails_is_named_in_one_line(change, message,
 
 def test_unknown_devices_are_refused(monkeypatch):
     monkeypatch.setenv(SETTING, "tpu")
-    with pytest.raises(HandbenchError, match="is 'tpu'; expected cpu, cuda, numpy, or nothing"):
+    with pytest.raises(HandbenchError, match="is 'tpu'; set it to cpu or cuda or numpy"):
         current_device()
-    with pytest.raises(HandbenchError, match="'cpu' runs no array code"):
+    with pytest.raises(HandbenchError, match="'cpu' cannot run array code"):
         array_module("cpu")
 
 

@@ -213,7 +213,7 @@ def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_a
     monkeypatch.delenv("HANDBENCH_HOURS")
     require_time(50.0, "work")
     require_time(5.0, "short work")
-    assert capsys.readouterr().err == "work: about 25 s\n"
+    assert capsys.readouterr().err == "work: this will take about 25 s\n"
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-9, 0.5, float("nan")])

@@ -132,9 +132,9 @@ def test_pixels_behind_an_outline_are_marked():
 @pytest.mark.parametrize(
     ("id", "values", "words"),
     [
-        ("broadband-aligned", {"count": 2}, "aligned needs 3 tones or more"),
-        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three different tones"),
-        ("prior-2fsk", {"close_hz": 79e9}, "close_hz is no witness"),
+        ("broadband-aligned", {"count": 2}, "this estimator needs 3 or more tones"),
+        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three or more tones, all different"),
+        ("prior-2fsk", {"close_hz": 79e9}, "close_hz is too far from f1_hz"),
     ],
 )
 def test_tones_that_cannot_be_aligned_are_refused(id, values, words):

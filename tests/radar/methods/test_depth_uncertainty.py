@@ -83,7 +83,7 @@ def test_flag_and_sigma_survive_the_file_and_old_files_have_none(tmp_path):
     assert kept.wrapped.dtype == bool and np.array_equal(kept.wrapped, wrapped)
     assert again().sigma_m is None and again().wrapped is None
     for wrong, words in (
-        ((z_m[:1],), r"sigma_m is float64 \(1, 3\); expected real numbers \(2, 3\)"),
+        ((z_m[:1],), r"sigma_m is float64 \(1, 3\); expected real numbers of shape \(2, 3\)"),
         ((z_m, z_m), r"wrapped is float64 \(2, 3\); expected bool"),
     ):
         with pytest.raises(HandbenchError, match=words):

@@ -76,7 +76,7 @@ def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_am
     if not hopeless and next_hz > pair_hz:
         check_ladder(tones, noise_rad)
     else:
-        with pytest.raises(ValueError, match="rung 2"):
+        with pytest.raises(ValueError, match=r"the tone at .* is .* the tone before it"):
             check_ladder(tones, noise_rad)
 
 
@@ -85,13 +85,13 @@ def test_a_rung_is_refused_exactly_when_the_noise_of_the_last_one_exceeds_its_am
     [
         (
             {"tones_hz": [82e9, 81.8e9, 72e9]},
-            ["rung 2 (72 GHz)", "50.0 times", "allows 34.9", "near 80.59 GHz"],
+            ["the tone at 72 GHz is", "50.0 times", "allows a factor of 34.9", "near 80.59 GHz"],
         ),
         (
             {"tones_hz": [82e9, 81.8e9, 72e9, 79.5e9], "phase_noise_rad": 0.01},
-            ["rung 3 (79.5 GHz)", "order the tones"],
+            ["the tone at 79.5 GHz is", "order the tones"],
         ),
-        ({"tones_hz": [82e9, 81.8e9]}, ["three tones or more"]),
+        ({"tones_hz": [82e9, 81.8e9]}, ["three or more tones"]),
         ({"phase_noise_rad": 0}, ["phase_noise_rad", "greater than 0"]),
     ],
 )

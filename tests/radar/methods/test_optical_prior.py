@@ -41,9 +41,9 @@ def test_a_part_that_is_wrong_is_flagged(tmp_path):
     ("prior_m", "words"),
     [
         # 30 mm is one period of 5 GHz: the far pair alone would take it.
-        (np.full((13, 13), 0.31), "lies 3[0-9] mm behind the depths that close tones tell"),
-        (np.full((13, 13), 0.25), "lies 3[0-9] mm before the depths that close tones tell"),
-        (np.full((13, 13), np.nan), "expected depths on the method's x and y"),
+        (np.full((13, 13), 0.31), "are 3[0-9] mm behind the depths from the phases"),
+        (np.full((13, 13), 0.25), "are 3[0-9] mm before the depths from the phases"),
+        (np.full((13, 13), np.nan), "expected a map with depths on the method's grid"),
         (np.full((13, 12), 0.28), "12 × 13 pixels"),
     ],
 )

@@ -78,10 +78,10 @@ def test_what_cannot_be_printed_is_refused():
     kite = ((0, 0, 0), (0.03, 0, 0), (0.05, -0.03, 0), (0, -0.03, 0))
     for number, other_m, complaint in (
         (2, corners_m + (0, 0, 0.001), "are not in one plane"),
-        (2, corners_m * (1, -1, 1), "facing one way"),
+        (2, corners_m * (1, -1, 1), "face the same way"),
         (2, np.array(kite), "sides of 30.00, 30.00, 36.06, 50.00 mm; expected a square"),
-        (50, corners_m, "50 is not in the dictionary 'DICT_4X4_50', which has 0 to 49"),
-        (2, corners_m + (30, 0, 0), "are all lengths metres"),
+        (50, corners_m, "the dictionary 'DICT_4X4_50' has no marker 50; use an id from 0 to 49"),
+        (2, corners_m + (30, 0, 0), "all lengths are in metres"),
     ):
         other = Marker(id=number, corners_m=other_m.tolist())
         with pytest.raises(HandbenchError, match=complaint):

@@ -33,7 +33,7 @@ def test_a_folder_alone_becomes_a_page_with_pictures_for_papers(folder, tmp_path
 
 def test_a_sweep_without_settings_is_refused(found, tmp_path):
     results.write_tradeoff(tmp_path, found.facts, [])
-    with pytest.raises(HandbenchError, match="holds no setting"):
+    with pytest.raises(HandbenchError, match="has no settings"):
         tradeoff_section.build(tmp_path, tmp_path / "out")
 
 

@@ -35,4 +35,4 @@ def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_pa
     assert 'id="causes"' in (tmp_path / "out/report-2/index.html").read_text("utf-8")
     assert (tmp_path / "out/report-2/figures/causes__truth.png").is_file()
     assert main(["report", *results, "-o", str(tmp_path / "out"), "--tradeoff", results[0]]) == 2
-    assert "belongs to one result" in capsys.readouterr().err
+    assert "works with one result folder only" in capsys.readouterr().err

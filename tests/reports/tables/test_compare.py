@@ -80,7 +80,7 @@ def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
 
 def test_the_command_refuses_what_would_harm(result_folder, tmp_path):
     before = sorted(p.name for p in result_folder.iterdir())
-    with pytest.raises(HandbenchError, match="is a result folder; choose another -o"):
+    with pytest.raises(HandbenchError, match="is a result folder, which"):
         run(result_folder, result_folder, "-o", result_folder, "--overwrite")
     with pytest.raises(HandbenchError, match="expected a folder with a benchmark's result"):
         run(result_folder, tmp_path / "nothing", "-o", tmp_path / "out")

@@ -66,7 +66,7 @@ def test_frames_have_their_own_tremor():
 
 
 def test_a_target_that_flies_is_refused():
-    with pytest.raises(HandbenchError, match=r"target\.motion: moves the target by 100 mm"):
+    with pytest.raises(HandbenchError, match=r"target\.motion: the target moves by 100 mm"):
         simulated(
             bead_scene(
                 {"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3))

@@ -53,6 +53,6 @@ def test_heights_have_their_spread_and_correlation(lag_m):
 
 def test_a_direction_has_a_length():
     with pytest.raises(
-        HandbenchError, match=r"layers_along' is \[0, 0, 0\]; expected a direction as"
+        HandbenchError, match=r"layers_along' is \[0, 0, 0\]; expected a direction of three numbers"
     ):
         parse(Roughness, {"layers_along": [0, 0, 0]}, "roughness")

@@ -95,7 +95,8 @@ def test_dead_antennas_are_silent():
     assert silent[:, 3].all() and silent[:, :, [0, 93]].all()
     assert silent.sum() == 3 * (94 * 94 - 93 * 92)
     with pytest.raises(
-        HandbenchError, match=r"sensor\.dead\.rx: is 94; expected numbers from 0 to 93"
+        HandbenchError,
+        match=r"sensor\.dead\.rx: has the antenna number 94; expected numbers from 0 to 93",
     ):
         simulated(bead_scene({"dead": {"rx": (94,)}}), "dead")
 

@@ -1,0 +1,53 @@
+"""`first_depth_m = "auto"`: FSK methods begin where the echoes are."""
+
+import numpy as np
+import pytest
+
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.first_depth import first_depth_m, with_first_depth
+from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.registry import method
+from handbench.support.errors import HandbenchError
+from tests.radar.simulated_points import exact_capture
+
+SWEEP_HZ = np.linspace(72e9, 82e9, 64)
+PIXELS = {axis: {"start_m": -0.03, "stop_m": 0.03, "step_m": 0.002} for axis in "xy"}
+
+
+@pytest.mark.parametrize(
+    ("tones_hz", "z_m", "off_m"),
+    [
+        (SWEEP_HZ, 0.2, 0.015),  # a range cell; far less than tones leave open
+        (SWEEP_HZ, 0.7, 0.015),
+        (np.array([82e9, 81.8e9, 79.5e9]), 0.2, 1e-3),  # as far as the image's own focus
+        (np.array([82e9, 81e9]), 0.3, 1e-3),  # 150 mm apart are depths with the same phase
+        (np.array([82e9, 81e9]), 0.52, 1e-3),
+    ],
+)
+def test_it_is_where_a_point_is(tones_hz, z_m, off_m):
+    capture = exact_capture((0.01, -0.01, z_m), tones_hz)
+    config = TwoToneConfig(**PIXELS, first_depth_m="auto")
+    assert first_depth_m(capture, config) == pytest.approx(z_m, abs=off_m)
+
+
+def test_a_method_begins_there():
+    """The point at 0.85 m is more than 375 mm from the paper's first depth, so that 3-FSK takes it
+    for one a period away."""
+    capture = exact_capture((0.0, 0.0, 0.85))
+    maps = [
+        method("3fsk").run(capture, ThreeToneConfig(**PIXELS, first_depth_m=begun), 0).depth
+        for begun in (0.45, "auto")
+    ]
+    nearest_m = [depth.z_m[15, 15] for depth in maps]
+    assert nearest_m[1] == pytest.approx(0.85, abs=1e-3) and abs(nearest_m[0] - 0.85) > 0.5
+    assert maps[1].config["first_depth_m"] == pytest.approx(0.85, abs=1e-3)
+
+
+@pytest.mark.parametrize("tones_hz", [SWEEP_HZ, np.array([82e9, 81.8e9, 79.5e9])])
+def test_noise_has_no_first_depth(tones_hz):
+    noise = np.random.default_rng(1).normal(size=(2, 1, len(tones_hz), 94, 94))
+    capture = RadarCapture((noise[0] + 1j * noise[1]).astype(np.complex64), tones_hz, qar50())
+    config = TwoToneConfig(**PIXELS, first_depth_m="auto")
+    with pytest.raises(HandbenchError, match="no echo stands out from the noise"):
+        with_first_depth(capture, config)
