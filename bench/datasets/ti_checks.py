@@ -18,17 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from handbench.bench.datasets.ti_boards import antennas
+from handbench.bench.datasets.ti_directions import LEAKED, focus, most_focused, moves
 from handbench.bench.datasets.ti_profile import CHIRPS, ChirpProfile, read_profile
 from handbench.bench.datasets.ti_samples import decode, frame_numbers, read_numbers, unpack
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.support.caller import settings
-from handbench.support.errors import HandbenchError
 
 MOST = 2**21  # numbers that are checked
 # share of the power at negative beat frequencies, of a right profile at most, of a wrong at least
 RIGHT_SHARE, WRONG_SHARE = 0.08, 0.15
-LEAKED = 2  # bins on either side of 0 into which a window of Hann leaks what is at 0
 PREDICTED = 12  # samples from which the next is predicted
 SHORTEST = 16  # chirp, samples
 # energy of a step, over the mean, where a chirp begins at least; elsewhere at most
@@ -36,15 +33,10 @@ SEAM, SMOOTH = 3.0, 1.85
 CHANGED = 2.0  # step of the echoes from frame to frame, at least, over the largest within one
 PRIMES = (2, 3, 5, 7)  # a chirp is that many times shorter than one taken for it
 STILL = 0.12  # variance among repetitions of a scene that stands still, over its power, at most
-DRIFT = 0.003  # the same that repetitions in turn do not show, at most
 # variance among repetitions over that of the profile as it is: of a right profile at most; by how
 # much that of an equally good one may be higher: always, times the root of the samples, and of the
 # difference to a wrong one
 REPEATED, EQUAL, EQUAL_BY_CHANCE, NEARLY = 0.5, 0.01, 1.5, 0.05
-# focused power of a better order less that of the order as it is, and the ratio of what is left
-FOCUSED, UNFOCUSED = 0.04, 1.5
-DIRECTIONS = 41  # sines of directions that are tried, along each axis
-STRONGEST = 8  # range bins in whose directions the antennas are compared
 
 Change = dict[str, Any]
 Found = tuple[list[Change], str] | None
@@ -53,7 +45,7 @@ Found = tuple[list[Change], str] | None
 def raw_warnings(source: Path) -> list[str]:
     """Return warnings that the echoes in a raw capture's folder contradict its profile. Raises
     HandbenchError if it cannot be read."""
-    _, profile = read_profile(source, {})
+    profile = read_profile(source, {})
     numbers = read_numbers(source, profile)
     decode(numbers, profile, str(source))  # refuses what is no whole frames
     return list(profile_warnings(source, numbers, profile))
@@ -203,7 +195,7 @@ def _channels(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found
     shown = f"repetitions of a channel differ by {100 * given:.2g} % of their power"
     if repeats:
         shown = "several channels have the same echoes"
-    return _most_focused(source, numbers, profile, best), shown
+    return most_focused(source, numbers, profile, best), shown
 
 
 def _in_steps(chirps: np.ndarray, profile: ChirpProfile, change: Change) -> bool:
@@ -290,74 +282,17 @@ def _order(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
     sent = sorted(set(profile.transmitters))
     if len(profile.receivers) < 3 or not 1 < len(sent) <= 3:
         return None
-    if _moves(numbers, profile) or _focus(source, numbers, profile) is None:
+    if moves(numbers, profile) or focus(source, numbers, profile) is None:
         return None
     orders = [dict(zip(sent, order, strict=True)) for order in permutations(sent)]
     changes: list[Change] = [
         {"transmitters": tuple(order[number] for number in profile.transmitters)}
         for order in orders
     ]
-    best = _most_focused(source, numbers, profile, changes)
+    best = most_focused(source, numbers, profile, changes)
     if changes[0] in best:
         return None
     return best, "in another order of the transmitters the echoes' power focuses better"
-
-
-def _moves(numbers: np.ndarray, profile: ChirpProfile) -> bool:
-    """True if a channel's echoes drift during a frame, which turns the phases between transmitters:
-    repetitions differ from their mean by more than from each other."""
-    beat = decode(numbers, profile, "")
-    order = np.argsort(profile.transmitters, kind="stable")
-    order = order.reshape(len(set(profile.transmitters)), -1)
-    repeated = beat[:, :, order].swapaxes(1, 2)  # [frame, transmitter, loop, chirp, receiver, n]
-    repeated = repeated.reshape(*repeated.shape[:2], -1, *beat.shape[-2:])
-    if repeated.shape[2] == 1:
-        return False
-    spread = repeated.var(axis=2, ddof=1).mean()
-    steps = (np.abs(np.diff(repeated, axis=2)) ** 2).mean() / 2
-    return bool(spread - steps > DRIFT * (np.abs(repeated) ** 2).mean())
-
-
-def _most_focused(
-    source: Path, numbers: np.ndarray, profile: ChirpProfile, changes: list[Change]
-) -> list[Change]:
-    """Return those of the changes with which the echoes focus best; all if no places are known."""
-    changes = [change for k, change in enumerate(changes) if change not in changes[:k]]
-    focus = [_focus(source, numbers, _with(profile, change)) or 0.0 for change in changes]
-    most = max(focus)
-    return [
-        change
-        for change, share in zip(changes, focus, strict=True)
-        if most < share + FOCUSED or 1 - share < UNFOCUSED * (1 - most)
-    ]
-
-
-def _focus(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> float | None:
-    """Compute the share of the power in the strongest range bins that comes from one direction
-    each; None if the antennas' places are not known."""
-    sent = np.unique(profile.transmitters)
-    try:
-        places_m, gains = antennas(source, profile, sent)
-        beat = decode(numbers, profile, str(source))[0].mean(axis=0)
-    except HandbenchError:
-        return None
-    order = np.array([np.equal(profile.transmitters, number) for number in sent], float)
-    channels = np.tensordot(order, beat, axes=1) / (1.0 if gains is None else gains[..., None])
-    n = profile.samples
-    ranges = np.fft.fft(channels * np.hanning(n))[..., LEAKED + 1 : n // 2].reshape(
-        -1, n // 2 - LEAKED - 1
-    )
-    power = (np.abs(ranges) ** 2).sum(axis=0)
-    ranges = ranges[:, np.argsort(power)[-STRONGEST:]]
-    place_m = (places_m["tx_m"][:, None] + places_m["rx_m"]).reshape(-1, 3)
-    sines = np.linspace(-1, 1, DIRECTIONS)
-    across, up = np.meshgrid(sines, sines)
-    directions = np.stack([across, up], axis=-1)[across**2 + up**2 <= 1]
-    waves = 2 * np.pi * profile.tones_hz().mean() / SPEED_OF_LIGHT_M_S
-    # a path is shorter by (place · direction): of the beat, whose phase grows with the path
-    beams = np.exp(1j * waves * directions @ place_m[:, :2].T) @ ranges
-    best = (np.abs(beams) ** 2).max(axis=0) / len(place_m)
-    return float(best.sum() / (np.abs(ranges) ** 2).sum())
 
 
 def _with(profile: ChirpProfile, change: Change) -> ChirpProfile:

@@ -51,11 +51,15 @@ class ChirpProfile(Config):
     board: Literal["IWR6843ISK", "IWR6843AOP", "AWR1843BOOST", "MMWCAS-RF-EVM"] | None = None
 
     @model_validator(mode="after")
-    def _there(self) -> Self:
+    def _consistent(self) -> Self:
         most = max(self.lanes, 4)
         if max(self.receivers) > most or len(set(self.receivers)) < len(self.receivers):
+            raise ValueError(f"receivers: {self.receivers}; expected different ones up to {most}")
+        transmitters, chirps = np.unique(self.transmitters, return_counts=True)
+        if len(set(chirps)) > 1:
             raise ValueError(
-                f"receivers are {self.receivers}; expected different ones up to {most}"
+                f"the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
+                "loop; expected the same number for each"
             )
         return self
 
@@ -76,8 +80,8 @@ def _profiles(folder: Path) -> list[Path]:
     return sorted(path for path in found if not path.name.endswith(".setup.json"))
 
 
-def read_profile(source: Path, settings: Mapping[str, Any]) -> tuple[Path, ChirpProfile]:
-    """Read the profile in a folder: (its file, the profile). settings: fields in place of the
+def read_profile(source: Path, settings: Mapping[str, Any]) -> ChirpProfile:
+    """Read the profile in a folder. settings: fields in place of the
     file's. Raises HandbenchError if there is not exactly one .cfg or .json, or an invalid one."""
     found = _profiles(source)
     if len(found) != 1:
@@ -90,7 +94,7 @@ def read_profile(source: Path, settings: Mapping[str, Any]) -> tuple[Path, Chirp
         raise HandbenchError(f"{found[0]}: is not a table; expected the keys of a chirp profile")
     if "mmWaveDevices" in given:
         given = read_studio(found[0], given, CHIRPS)
-    return found[0], parse(ChirpProfile, given | dict(settings), str(found[0]))
+    return parse(ChirpProfile, given | dict(settings), str(found[0]))
 
 
 def _read_cfg(path: Path) -> dict[str, Any]:

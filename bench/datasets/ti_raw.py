@@ -18,7 +18,6 @@ from handbench.bench.datasets.ti_samples import decode, read_numbers
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.recording import Recording
 from handbench.support.config import parse
-from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, require_folder
 from handbench.support.progress import say
 
@@ -33,17 +32,12 @@ def import_ti_raw(
     HandbenchError if the files do not agree with the profile.
     """
     source = require_folder(source, WHAT)
-    file, profile = read_profile(source, settings or {})
+    profile = read_profile(source, settings or {})
     numbers = read_numbers(source, profile)
     beat = decode(numbers, profile, str(source))
     if profile.real:
         beat = hilbert(beat, axis=-1)  # of a real mixer's two signs, that of complex sampling
-    transmitters, chirps = np.unique(profile.transmitters, return_counts=True)
-    if len(set(chirps)) > 1:
-        raise HandbenchError(
-            f"{file}: the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
-            "loop; expected the same number for each"
-        )
+    transmitters = np.unique(profile.transmitters)
     for warning in profile_warnings(source, numbers, profile):
         say(f"{source}: warning: {warning}")
     # The phase of I + jQ grows with the path, by 2πfτ at the chirp's frequency f (SPYY005, "The

@@ -14,7 +14,7 @@ import numpy as np
 from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes
+from handbench.support.files import read_bytes, require_file
 from handbench.support.limits import KEPT_BYTES
 
 RADARS = ("master", "slave1", "slave2", "slave3")  # of a cascade, with four receivers each
@@ -76,7 +76,7 @@ def read_numbers(source: Path, profile: ChirpProfile) -> np.ndarray:
     """Read the .bin files in a folder, int16 [n]: one after the other, or those of a cascade's four
     radars side by side, so that each time has the numbers of all sixteen receivers."""
     paths = _in_order(source.glob("*.bin"))
-    if not (size := sum(path.stat().st_size for path in paths)):
+    if not (size := sum(require_file(path, WHAT).stat().st_size for path in paths)):
         raise HandbenchError(f"{source}: has no .bin file with samples; expected {WHAT}")
     require_free(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
     if profile.lanes != 16:

@@ -199,6 +199,7 @@ def test_a_boards_own_files(tmp_path):
         ("1 8 2047", "1 1e30 2047", "'samples' is 1000000000000000019884624838656"),
         ("60 7 6", "60e9 7 6", "'start_hz' is 6e+19"),
         ("channelCfg 15", "channelCfg 0", "'receivers' is ()"),
+        ("frameCfg 0 1 3", "chirpCfg 2 2 0 0 0 0 0 4\nframeCfg 0 2 3", "[1, 3] have [1, 2] chirps"),
         ("1 8 2047", "1 7 2047", "not a whole number of frames of"),
         (
             "frameCfg 0 1 3",
