@@ -4,10 +4,9 @@ interpolated from coarse nodes.
 The points of a leaf (a smallest box) are divided into pieces, and pieces of similar size are filled
 up to equal size and computed together as a batch, with one product per tone. As in
 `radar.imaging.cpu.forward`, path differences to a reference point are computed in float64 and the
-remainders in float32. The images at the nodes go through the processor's memory, since there are
-thirty times fewer nodes than voxels.
+remainders in float32. What depends on the plan alone stays on the device.
 
-An exact image is one complex product per tone and block of points. A planar scan is treated as an
+An exact image is one batch of complex products per block of points, one product per tone. A planar scan is treated as an
 array with a single receiver that the path does not pass.
 """
 
