@@ -6,8 +6,8 @@ up to equal size and computed together as a batch, with one product per tone. As
 `radar.imaging.cpu.forward`, path differences to a reference point are computed in float64 and the
 remainders in float32. What depends on the plan alone stays on the device.
 
-An exact image is one batch of complex products per block of points, one product per tone. A planar scan is treated as an
-array with a single receiver that the path does not pass.
+An exact image is one batch of complex products per block of points, one product per tone. A planar
+scan is treated as an array with a single receiver that the path does not pass.
 """
 
 from collections.abc import Iterable, Iterator
@@ -145,15 +145,20 @@ class GpuExecutor:
         """Image points that the plan has sorted: complex64 [f, points] on the device, one image per
         tone, if the plan keeps tones apart, else [1, points], the sum of all tones. The images are
         in the order before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
-        xp, apart, (_, before) = self._xp, self.plan.family.apart, self._last
+        _, before = self._last
         placed = self.place(where)
-        whole = xp.asarray(
-            samples.reshape(1, len(samples), samples.shape[1], -1), dtype=np.complex64
-        )
-        leaves = placed.leaves.descend(placed.cells.descend(self._top.descend(whole)))
-        count = placed.points_m.shape[1]
-        images = xp.empty((len(samples) if apart else 1, count + 1), np.complex64)
+        whole = samples.reshape(1, len(samples), samples.shape[1], -1)
         waves = _kept_waves.of(placed, again=placed is before)
+        return self._images(self._xp.asarray(whole, dtype=np.complex64), placed, waves)
+
+    def _images(
+        self, samples: Array, placed: DevicePoints, waves: Iterable[tuple[Array, Array]]
+    ) -> Array:
+        """Image placed points from samples [1, f, t, r] and the factors of each batch."""
+        xp, apart = self._xp, self.plan.family.apart
+        leaves = placed.leaves.descend(placed.cells.descend(self._top.descend(samples)))
+        count = placed.points_m.shape[1]
+        images = xp.empty((samples.shape[1] if apart else 1, count + 1), np.complex64)
         for batch, (wave_a, wave_b) in zip(placed.batches, waves, strict=True):
             received = xp.matmul(leaves[batch.sample].swapaxes(2, 3), wave_a)
             received *= wave_b
