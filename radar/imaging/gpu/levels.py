@@ -39,12 +39,14 @@ class Level:
         if np.array_equal(rows, np.arange(len(self.parent))):
             return self
         chosen = self.xp.asarray(rows)
-        weights = {
-            name: None if (whole := getattr(self, name)) is None else whole[chosen]
-            for name in ("tone_weights", "weights_a", "weights_b")
-        }
-        phases = (self.phases[0][chosen], self.phases[1][chosen])
-        return replace(self, parent=self.parent[chosen], phases=phases, **weights)
+        return replace(
+            self,
+            parent=self.parent[chosen],
+            phases=(self.phases[0][chosen], self.phases[1][chosen]),
+            tone_weights=_rows(self.tone_weights, chosen),
+            weights_a=_rows(self.weights_a, chosen),
+            weights_b=_rows(self.weights_b, chosen),
+        )
 
     def descend(self, samples: Array) -> Array:
         """Compute the samples of the level's boxes from those of all boxes of the level above,
@@ -71,6 +73,10 @@ class Level:
         if self.weights_a is not None:
             samples = self.xp.matmul(self.weights_a[rows], samples)
         return samples
+
+
+def _rows(weights: Array | None, rows: Array) -> Array | None:
+    return None if weights is None else weights[rows]
 
 
 def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int]) -> Level:
@@ -130,9 +136,10 @@ class Antennas:
         path_m = distances(xp, points_m[:, :, None], self.position_m[:, boxes][..., None])
         path_m *= self.passes
         path_m -= self.length_m[boxes][..., None]
+        to_m, back_m = path_m[:, :a], path_m[:, a + 1 : -1]
         shared_m = path_m[:, a] + path_m[:, -1]
-        path_m[:, :a] -= path_m[:, a, None]
-        path_m[:, a + 1 : -1] -= path_m[:, -1:]
+        to_m -= path_m[:, a, None]
+        back_m -= path_m[:, -1:]
         turns_per_m = self.turns_per_m[boxes][:, :, None]
         common = cis(xp, turns_per_m * shared_m[:, None])[:, :, None]
         turns_per_m, path_m = turns_per_m[..., None].astype(np.float32), path_m.astype(np.float32)
