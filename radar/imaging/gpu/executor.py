@@ -20,7 +20,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
-from handbench.radar.imaging.gpu.levels import Antennas, Level, antennas, level
+from handbench.radar.imaging.gpu.levels import BoxAntennas, Level, box_antennas, level
 from handbench.radar.imaging.peaks import Peaks
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.skeleton import Resampler
@@ -63,18 +63,18 @@ class DevicePoints:
     points_m: Array
     cells: Level
     leaves: Level
-    antennas: Antennas
+    antennas: BoxAntennas
     batches: list[Batch]
 
     @property
     def wave_bytes(self) -> int:
-        """Memory of the factors of all points (`Antennas.waves`)."""
+        """Memory of the factors of all points (`BoxAntennas.waves`)."""
         _, boxes, length = self.antennas.position_m.shape
         tones = self.antennas.turns_per_m.size // boxes
         return 8 * tones * length * sum(batch.point.size for batch in self.batches)
 
     def waves(self) -> Iterator[tuple[Array, Array]]:
-        """Compute the factors of each batch (`Antennas.waves`)."""
+        """Compute the factors of each batch (`BoxAntennas.waves`)."""
         for batch in self.batches:
             yield self.antennas.waves(batch.leaf, self.points_m[:, batch.point])
 
@@ -114,7 +114,7 @@ class GpuExecutor:
         self._xp = array_module()
         self._top = level(self._xp, [plan.top_node], [plan.root_node], [0])
         self._planned: dict[int, tuple[Node, list[Node]]] = {}
-        self._boxes: tuple[Level, Level, Antennas] | None = None
+        self._boxes: tuple[Level, Level, BoxAntennas] | None = None
         self._last: tuple[SortedPoints | None, DevicePoints | None] = None, None
         self._lock = Lock()
 
@@ -166,10 +166,10 @@ class GpuExecutor:
             images[:, batch.target] = tones.swapaxes(0, 1) if apart else tones.sum(axis=1)[None]
         return images[:, :-1]
 
-    def _require(self, cells: np.ndarray) -> tuple[Level, Level, Antennas, np.ndarray]:
+    def _require(self, cells: np.ndarray) -> tuple[Level, Level, BoxAntennas, np.ndarray]:
         """Compute the plan's cells with these numbers, and their leaves, unless they are there
         already: (`Level` of all cells computed so far, `Level` of their leaves and these leaves'
-        `Antennas`, row of every cell of the plan in the first `Level`, −1 if it is not
+        `BoxAntennas`, row of every cell of the plan in the first `Level`, −1 if it is not
         computed)."""
         with self._lock:
             new = [int(cell) for cell in cells if int(cell) not in self._planned]
@@ -182,7 +182,7 @@ class GpuExecutor:
                 self._boxes = (
                     level(self._xp, above, [self.plan.top_node], [0] * len(above)),
                     level(self._xp, below, above, parent),
-                    antennas(self._xp, below, self.plan.passes, self.plan.reference_m),
+                    box_antennas(self._xp, below, self.plan.passes, self.plan.reference_m),
                 )
             rows = np.full(self.plan.count, -1)
             rows[sorted(self._planned)] = np.arange(len(self._planned))

@@ -108,7 +108,7 @@ def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: list[int
 
 
 @dataclass(frozen=True)
-class Antennas:
+class BoxAntennas:
     """The tones and antennas of n boxes, as arrays on a device: k tones, and together l antennas,
     the a transmitters followed by a reference point (their mean position before thinning), and the
     b receivers followed by theirs.
@@ -147,9 +147,9 @@ class Antennas:
         return xp.ascontiguousarray(waves[:, :, :a]), waves[:, :, a + 1 : -1] * common
 
 
-def antennas(
+def box_antennas(
     xp: ModuleType, nodes: list[Node], passes: np.ndarray, reference_m: np.ndarray
-) -> Antennas:
+) -> BoxAntennas:
     """Copy the tones and antennas of nodes (boxes of one level of the tree) to a device. passes
     [2], reference_m [2, 3]: how often the path passes each of the two legs, and their reference
     points, from `plan.carriers`."""
@@ -164,7 +164,7 @@ def antennas(
         lengths.append(np.concatenate([length_m, to_reference_m[:, None]], axis=1))
         counts.append(np.full((lengths[-1].shape[1], 1), count))
     joined_m = np.concatenate(positions, axis=1)
-    return Antennas(
+    return BoxAntennas(
         xp=xp,
         turns_per_m=xp.asarray(_padded([node.turns_per_m for node in nodes])),
         position_m=xp.asarray(np.ascontiguousarray(np.moveaxis(joined_m, 2, 0))),
