@@ -26,7 +26,7 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.cpu.exact import check_samples
-from handbench.radar.imaging.device import current_device
+from handbench.radar.imaging.device import Array, current_device, to_host
 from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.imaging.plan import (
@@ -197,11 +197,11 @@ def image_points(
         > terms
     ):
         _require_time(len(samples) * len(points), aperture, f"imaging {len(points)} points")
-        images = _device().exact_images(samples, frequencies_hz, aperture, points, apart)
+        images = to_host(_device().exact_images(samples, frequencies_hz, aperture, points, apart))
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
         for executor, near, where in zip(plans, parts, places, strict=True):
-            images[:, near] = executor.image(samples, where)
+            images[:, near] = to_host(executor.image(samples, where))
     certify_points(images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
@@ -301,9 +301,9 @@ class GridImager:
         self._executor = None if plan.tree is None else device.executor(plan.tree)
         self.upsampler = device.upsampler(plan)
 
-    def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, np.ndarray]:
+    def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, Array]:
         """Image the coarse nodes from which all voxels are interpolated: (grid of the nodes,
-        complex64 images [f or 1, nz, ny, nx] at them).
+        complex64 images [f or 1, nz, ny, nx] at them, in the device's memory).
 
         samples: complex [f, t, r] or [f, n]. z_m: depths of the voxel grid; if the imager is for
         single planes, [1], the depth of this plane.
@@ -337,7 +337,7 @@ class _Device(NamedTuple):
 
     executor: Callable[[TreePlan], Any]
     upsampler: Callable[[GridPlan], Any]
-    exact_images: Callable[..., np.ndarray]
+    exact_images: Callable[..., Array]
 
 
 def _device() -> _Device:
@@ -396,7 +396,9 @@ def _exact_volume(
     )
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
-        volume[:, chunk] = _device().exact_images(
-            samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
+        volume[:, chunk] = to_host(
+            _device().exact_images(
+                samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
+            )
         )
     return volume

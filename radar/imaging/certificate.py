@@ -22,6 +22,7 @@ import numpy as np
 from handbench.radar.data.arrays import AntennaArray, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu.exact import check_samples, exact_sums
+from handbench.radar.imaging.device import Array, to_host
 from handbench.radar.imaging.peaks import root_mean_square
 from handbench.radar.imaging.plan import GridPlan
 
@@ -136,7 +137,7 @@ def certify_points(
 def certify_nodes(
     plan: GridPlan,
     nodes: VoxelGrid,
-    images: np.ndarray,
+    images: Array,
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
     aperture: Aperture,
@@ -149,6 +150,7 @@ def certify_nodes(
     """
     if (certificate := _opened.get()) is None:
         return
+    images = to_host(images)
     samples, aperture = _live_antennas(samples, aperture)
     grid = VoxelGrid(plan.grid.x_m, plan.grid.y_m, nodes.z_m) if plan.planes else plan.grid
     # z, y, x; each voxel counts for the nearest node

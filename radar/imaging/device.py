@@ -130,7 +130,11 @@ def cis(xp: ModuleType, turns: Array) -> Array:
     return wave
 
 
-def distances(xp: ModuleType, points_m: Sequence[Array], antennas_m: Sequence[Array]) -> Array:
+def distances(
+    xp: ModuleType, points_m: Sequence[Array] | Array, antennas_m: Sequence[Array] | Array
+) -> Array:
     """Compute the distances |p − a| in float64 with the array module `xp` (numpy or cupy). points_m
-    and antennas_m: three coordinate arrays each (x, y, z), in metres, that broadcast."""
-    return xp.sqrt(sum((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True)))
+    and antennas_m: three coordinate arrays each (x, y, z), in metres, that broadcast, or arrays
+    [3, …] of these."""
+    x, y, z = ((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True))
+    return xp.sqrt(x + y + z)

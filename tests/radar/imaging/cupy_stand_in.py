@@ -20,6 +20,7 @@ from handbench.support.errors import HandbenchError
 # Each was looked up in CuPy 14; add a name only after doing so.
 FUNCTIONS = (
     "arange",
+    "ascontiguousarray",
     "clip",
     "concatenate",
     "cos",
@@ -33,7 +34,7 @@ FUNCTIONS = (
     "take_along_axis",
     "zeros",
 )
-METHODS = ("argmax", "astype", "conj", "max", "reshape", "sum", "swapaxes")
+METHODS = ("argmax", "astype", "conj", "max", "reshape", "sum", "swapaxes", "transpose", "view")
 ATTRIBUTES = ("T", "dtype", "imag", "nbytes", "ndim", "real", "shape", "size")
 
 

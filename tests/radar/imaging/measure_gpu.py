@@ -32,6 +32,7 @@ from handbench.bench.studies.engine.turns import named
 from handbench.bench.studies.study import Record, Study, Table, measured, relative_error
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis, VoxelGrid
+from handbench.radar.imaging import api
 from handbench.radar.imaging.api import image_volume, project_volume
 from handbench.radar.imaging.device import array_module, current_device, use_device
 from handbench.radar.imaging.gpu import executor
@@ -262,6 +263,7 @@ def _parts() -> Iterator[tuple[str, Any, str]]:
     if current_device() == "cuda":
         yield "up", array_module(), "asarray"
         yield "down", executor, "to_host"
+        yield "down", api, "to_host"
 
 
 def run_tests(suite: str, work: Path) -> Record:
