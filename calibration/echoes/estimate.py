@@ -31,7 +31,9 @@ VIEW = 0.6  # tangent of the angle off the axis up to which points are sought
 MOST_DIRECTIONS = 101  # along x and y
 OTHER_STEPS = [(x, y) for x in (0.94, 1.0, 1.06) for y in (0.94, 1.0, 1.06) if (x, y) != (1, 1)]
 SOME_STEPS, MOST_STEPS = 8, 60  # of a fit while points are added, and of the last one
-CHANCE = 6.0  # a peak that noise shows with a probability of exp(−6) is a point
+CHANCE = 3.0  # a peak that noise shows with a probability of exp(−3) is a point
+MOST_PEAKS = 4  # of an image that are tried as the first point
+PEAK_CELLS = 2.0  # resolution cells by which they are apart
 NEAREST_M, BEHIND_M = 0.05, 0.6  # depths searched: from there to so far behind the apparent range
 STEP_FACTORS = np.geomspace(0.5, 2.0, 57)  # of the scan's step that are tried first
 MOST_STEP = 0.05  # half-width of a step's 95 % interval up to which it is determined
@@ -88,7 +90,7 @@ def self_calibrate(
     model = _model(capture, asked, frame)
     start = _start(model)
     fit, noise_left = _with_points(model, start)
-    covariance = _covariance(model, fit, noise_left)
+    covariance = _covariance(model, fit)
     return _result(
         model,
         fit,
@@ -171,7 +173,7 @@ def _start(model: PointModel) -> Points:
 
 def _start_depths_m(model: PointModel, range_m: float) -> np.ndarray:
     """Depths that the target may have, a depth of focus apart."""
-    wavelength_m = SPEED_OF_LIGHT_M_S / model.frequencies_hz.mean()
+    wavelength_m = _wavelength_m(model)
     nearest_m = max(NEAREST_M, 2 * wavelength_m)
     depths_m = [nearest_m]
     while depths_m[-1] < max(range_m + BEHIND_M, 1.0):
@@ -185,10 +187,12 @@ def _with_points(model: PointModel, start: Points) -> tuple[Fit, bool]:
     noise is left or there are MOST_POINTS: (last fit, whether noise is left)."""
     points = start
     for count in track(range(MOST_POINTS), "fitting points"):
-        found = _strongest(model, model.residual(points), points)
-        if found is None:
+        found = _peaks(model, model.residual(points), points)
+        if not found:
             break
-        points = _best(model, points.with_point(*found), several=count < 2)
+        # with unknown gains a side lobe may be the highest peak: so the first is tried at several
+        tried = found if count == 0 else found[:1]
+        points = _best(model, [points.with_point(*peak) for peak in tried], several=count < 2)
     if not len(points.echoes):
         raise HandbenchError(
             "echoes: none stands out from the noise; put a small bright target, such as a metal "
@@ -196,18 +200,20 @@ def _with_points(model: PointModel, start: Points) -> tuple[Fit, bool]:
         )
     # points that were needed on the way to the values may not be needed with them
     for count in range(1, len(points.echoes) + 1):
-        fit = model.fit(_best(model, points.strongest(count), several=True), MOST_STEPS)
+        fit = model.fit(_best(model, [points.strongest(count)], several=True), MOST_STEPS)
         if _strongest(model, model.residual(fit.points), fit.points) is None:
             return fit, True
     return fit, False
 
 
-def _best(model: PointModel, points: Points, several: bool) -> Points:
-    """Fit all unknowns; if offset and steps are both unknown and `several` is True, from several
-    steps, since the fit may end beside the best values: the values that leave the least."""
-    starts = [points]
+def _best(model: PointModel, starts: list[Points], several: bool) -> Points:
+    """Fit all unknowns from each start, and return the values that leave the least. several: start
+    from other steps of the scan, too, if offset and steps are both unknown, since a fit may end
+    beside the best values."""
     if several and {"range_offset", "scan_step"} <= model.unknown:
-        starts += [_with_steps(points, model, np.array(steps)) for steps in OTHER_STEPS]
+        starts = starts + [
+            _with_steps(start, model, np.array(steps)) for start in starts for steps in OTHER_STEPS
+        ]
     fits = [model.fit(start, SOME_STEPS) for start in starts]
     return min(fits, key=lambda fit: fit.noise).points
 
@@ -233,6 +239,14 @@ def _strongest(
 ) -> tuple[np.ndarray, complex] | None:
     """Find the strongest point in the image of samples that are not yet explained: (position [3],
     echo); None if noise alone may be as strong."""
+    found = _peaks(model, rest, points)
+    return found[0] if found else None
+
+
+def _peaks(model: PointModel, rest: np.ndarray, points: Points) -> list[tuple[np.ndarray, complex]]:
+    """Find the highest peaks, at most MOST_PEAKS, in the image of samples that are not yet
+    explained: a list of (position [3], echo), highest first; empty if noise alone may be as
+    strong."""
     samples, channels = model.focused(rest, points)
     shell_m = _range_m(model, samples, points.offset_m)
     shells_m = shell_m + _cell_m(model.frequencies_hz) * np.array([-0.5, 0, 0.5])
@@ -240,12 +254,16 @@ def _strongest(
     rough = _image(model, samples, channels, at_m, even_subset(samples.shape[1], SEARCHED))
     best_m = at_m[np.argsort(np.abs(rough))[-PROMISING:]]
     image = _image(model, samples, channels, best_m)
-    best = int(np.abs(image).argmax())
     noise = float((np.abs(samples) ** 2).mean())
-    stands_out = np.abs(image[best]) ** 2 / (samples.size * noise)
+    stands_out = np.abs(image).max() ** 2 / (samples.size * noise)
     if stands_out < np.log(len(at_m) * len(samples)) + CHANCE:
-        return None
-    return best_m[best], complex(image[best] / samples.size)
+        return []
+    apart_m = PEAK_CELLS * shell_m * _wavelength_m(model) / (2 * model.channels.width_m)
+    peaks: list[tuple[np.ndarray, complex]] = []
+    for i in np.argsort(-np.abs(image)):
+        if all(np.linalg.norm(best_m[i] - place_m) > apart_m for place_m, _ in peaks):
+            peaks.append((best_m[i], complex(image[i] / samples.size)))
+    return peaks[:MOST_PEAKS]
 
 
 def _image(
@@ -264,12 +282,16 @@ def _image(
 
 def _directions(model: PointModel) -> np.ndarray:
     """Unit vectors [n, 3] towards where points are sought, less than a resolution cell apart."""
-    wavelength_m = SPEED_OF_LIGHT_M_S / model.frequencies_hz.mean()
+    wavelength_m = _wavelength_m(model)
     count = int(2 * np.ceil(1.5 * VIEW * model.channels.width_m / wavelength_m) + 1)
     tangents = np.linspace(-VIEW, VIEW, min(count, MOST_DIRECTIONS))
     x, y = (axis.ravel() for axis in np.meshgrid(tangents, tangents))
     towards = np.stack([x, y, np.ones_like(x)], axis=1)
     return towards / np.linalg.norm(towards, axis=1, keepdims=True)
+
+
+def _wavelength_m(model: PointModel) -> float:
+    return SPEED_OF_LIGHT_M_S / float(model.frequencies_hz.mean())
 
 
 def _centre_m(model: PointModel) -> np.ndarray:
@@ -310,10 +332,11 @@ def _range_m(model: PointModel, samples: np.ndarray, offset_m: float) -> float:
     return float(ranges_m[_range_profile(samples, tones_hz, ranges_m).argmax()])
 
 
-def _covariance(model: PointModel, fit: Fit, noise_left: bool) -> np.ndarray:
-    """Covariance [u, u] of all unknowns: of white noise, if that is all that is left; else that of
-    the shared unknowns from the scatter between the points, each of which the echoes around it
-    disturb in its own way (the cluster-robust estimator)."""
+def _covariance(model: PointModel, fit: Fit) -> np.ndarray:
+    """Compute the covariance [u, u] of all unknowns: that of white noise of the residual's power;
+    for the shared unknowns of three or more points that from the scatter between the points, where
+    it is larger, since weak echoes around a point disturb it in its own way (the cluster-robust
+    estimator)."""
     on, shared = np.arange(model.shared), slice(None, model.shared)
     matrix = fit.normal / fit.noise
     matrix[on, on] += model.expected()
@@ -321,7 +344,7 @@ def _covariance(model: PointModel, fit: Fit, noise_left: bool) -> np.ndarray:
     covariance = np.linalg.pinv(matrix / scale[:, None] / scale, hermitian=True) / scale
     covariance = covariance / scale[:, None]
     count = len(fit.scores)
-    if noise_left or count < 2:
+    if count < 3:
         return covariance
     scores = (fit.scores - fit.scores.mean(axis=0)) / fit.noise
     among = scores.T @ scores * count / (count - 1)
