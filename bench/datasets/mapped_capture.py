@@ -288,9 +288,8 @@ def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
             return values[real] + 1j * values[imag]
     if values.dtype.kind != "c":
         raise HandbenchError(
-            f"'{name}' holds {values.dtype}; expected complex numbers: name the data sets of "
-            "both parts (real, imag) "
-            'or the axis "re_im"'
+            f"'{name}' has values of type {values.dtype}; expected complex numbers; name the data "
+            'sets of both parts (real, imag), or the axis "re_im"'
         )
     return values
 
@@ -301,11 +300,11 @@ def _real(read: Read, name: str) -> np.ndarray:
 
 def _require_real(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "iuf":
-        raise HandbenchError(f"'{name}' holds {values.dtype}; expected real numbers")
+        raise HandbenchError(f"'{name}' has values of type {values.dtype}; expected real numbers")
     return values
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
     return HandbenchError(
-        f"'{name}' has shape {values.shape}; expected {expected}; mend mapping.toml"
+        f"'{name}' has shape {values.shape}; expected {expected}; correct mapping.toml"
     )

@@ -78,14 +78,17 @@ class ComplexMapping(Config):
         if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
             raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
         if len(set(self.counted)) < len(self.counted):
-            raise ValueError("axes name each axis once")
+            raise ValueError("an axis is named twice; name each axis once")
         axes = {*self.counted}
         if {"position"} < axes & {*PLACES} or {"pair"} < axes & {"tx", "rx", "pair"}:
             raise ValueError(
-                'axes hold either "tx" and "rx" or "pair", and either "position" or "x" and "y"'
+                'axes have both ways of naming antennas; take either "tx" and "rx" or "pair", and '
+                'either "position" or "x" and "y"'
             )
         if RE_IM in self.counted and pair:
-            raise ValueError('real and imag are two data sets; axes then have no "re_im"')
+            raise ValueError(
+                'real and imag are two data sets, so the axes must not include "re_im"; remove it'
+            )
         return self
 
 
@@ -109,15 +112,16 @@ class SamplesMapping(ComplexMapping):
     @model_validator(mode="after")
     def _all_axes(self) -> "SamplesMapping":
         if "frequency" not in self.counted:
-            raise ValueError('axes name "frequency"')
+            raise ValueError('the axes do not include "frequency"; add it')
         if not {*self.counted} & {*PLACES, "tx", "rx", "pair"}:
             raise ValueError(
-                'axes hold "tx" and "rx", or "pair", or the places of what is moved: "position", '
-                'or "x" and "y"'
+                'the axes must include "tx" and "rx", or "pair", or the places of what is moved: '
+                '"position", or "x" and "y"'
             )
         if (self.sweeps is not None) != ("sweep" in self.counted):
             raise ValueError(
-                'sweeps = "mean" or "frames" is there if, and only if, axes name "sweep"'
+                'the axis "sweep" and the key sweeps (= "mean" or "frames") need each other; give '
+                "both or none"
             )
         return self
 
@@ -155,7 +159,10 @@ class TableMapping(Config):
         if (self.dataset is None) == (self.columns is None):
             raise ValueError('give either dataset = "…" or columns = […]')
         if self.dataset is not None and self.reversed is None:
-            raise ValueError("reversed = true or false is missing: how is the table stored?")
+            raise ValueError(
+                "reversed is missing; write reversed = true if the file stores the axes in the "
+                "opposite order, as MATLAB does, else reversed = false"
+            )
         return self
 
 
@@ -218,16 +225,17 @@ class ArrayMapping(Config):
         for name, names in needed.items():
             if (getattr(self, name) is not None) != bool(names):
                 raise ValueError(
-                    f"the table [{name}] is there if, and only if, samples.axes name "
+                    f"the table [{name}] and, in samples.axes, "
                     + {"position": '"position", "x" or "y"', "pairs": '"pair"'}.get(
                         name, "antennas"
                     )
+                    + " need each other; give both or none"
                 )
         if self.position and self.position.dataset and "position" not in axes:
             raise ValueError('position.columns, not dataset, have the coordinates of axes "x", "y"')
         if (self.tx is None) != (self.rx is None):
             raise ValueError(
-                "the tables [tx] and [rx] of what is moved are there both or not at all"
+                "one of the tables [tx] and [rx] of what is moved is missing; give both or none"
             )
         for name in ("background", "gains"):
             found = getattr(self, name)
@@ -236,7 +244,9 @@ class ArrayMapping(Config):
                     f'{name}.axes name "{min(other)}"; expected some of the axes of samples'
                 )
         if self.gains and {*self.gains.counted} & {"frame", "sweep"}:
-            raise ValueError('gains.axes name neither "frame" nor "sweep": gains are of a channel')
+            raise ValueError(
+                'gains.axes have "frame" or "sweep", but a gain belongs to a channel; remove them'
+            )
         return self
 
 

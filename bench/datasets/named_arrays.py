@@ -78,7 +78,7 @@ def read_arrays(folder: Path, names: Iterable[str], file: str | None, where: str
             if lacking := [a.name for _, a in by_file[path] if not matching(a.name)]:
                 lacks = ", ".join(f"'{name[:200]}'" for name in dict.fromkeys(lacking))
                 shown = ", ".join(name[:200] for name in matching("*")[:12]) or "no data sets"
-                raise HandbenchError(f"{path}: has no {lacks} inside; it has {shown}")
+                raise HandbenchError(f"{path}: has no {lacks}; the file has {shown}")
             for text, array in by_file[path]:
                 found.setdefault(text, []).extend(
                     _part(array_of(name), array.part, text)

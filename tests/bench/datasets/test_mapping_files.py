@@ -263,7 +263,7 @@ REFUSED = {
         with_(position={"columns": [[0, 1]], "unit": "m", "x": "left"}),
         r"'s.npy' has shape \(4, 3, 5\); expected \[x 2, y 1, frequency 5\]",
     ),
-    "position too": (with_(samples=samples("s.npy", "x", "position", "frequency")), "axes hold"),
+    "position too": (with_(samples=samples("s.npy", "x", "position", "frequency")), "both ways"),
     "one antenna": (with_(tx={"columns": [0], "unit": "m", "x": "left"}), r"\[tx\] and \[rx\]"),
     "background": (
         with_(background={"dataset": "s.npy", "axes": ["tx"], "reversed": False}),
