@@ -236,7 +236,7 @@ def with_(**change):
 REFUSED = {
     "no file": (with_(samples=samples("s", "x", "y", "frequency")), "'s' names no file; expected"),
     "no such file": (with_(samples=samples("p*.npy", "x", "y", "frequency")), "stands for 0 files"),
-    "outside": (with_(samples=samples("../s.npy", "x", "y", "frequency")), "leaves the folder"),
+    "outside": (with_(samples=samples("../s.npy", "x", "y", "frequency")), "is outside the folder"),
     "not numbers": (
         with_(frequencies={"dataset": "words.csv", "unit": "Hz"}),
         "words.csv: is not a readable CSV file .no line of it holds only numbers",
@@ -247,7 +247,7 @@ REFUSED = {
     ),
     "column": (
         with_(frequencies={"dataset": "f.csv:g", "unit": "Hz"}),
-        "f.csv: has no 'g' inside; it has f",
+        "f.csv: has no 'g'; the file has f",
     ),
     "index": (with_(frequencies={"dataset": "f.csv[:, 3]", "unit": "Hz"}), "part of shape .5, 1."),
     "word": (
