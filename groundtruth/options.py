@@ -71,7 +71,7 @@ class SparseOptions(Config):
     intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
     distortion. refine_distortion: estimate distortion in addition to given intrinsics.
     shared_intrinsics: how many unknown lenses are estimated: one for all photographs of a size
-    (True), one for each photograph (False), or one for each camera, told apart by EXIF data or
+    (True), one for each photograph (False), or one for each camera, distinguished by EXIF data or
     picture size (None).
 
     model: a COLMAP model of these photographs, used instead of structure from motion; if it has no

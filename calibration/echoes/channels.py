@@ -15,7 +15,7 @@ SAME_M = 1e-5  # vectors from transmitter to receiver that agree to this are tho
 
 
 @dataclass(frozen=True)
-class Side:
+class GainSide:
     """Parts of the instrument that have one gain each: all transmitters, all receivers, or all
     elements (fixed pairs of both) of an array that is moved. of [n]: which part each channel uses;
     place_m [parts, 3]: the parts' mean positions."""
@@ -30,7 +30,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Channels:
+class CaptureChannels:
     """The channels of a capture, in the order of one tone's flattened samples.
 
     tx_m, rx_m [n, 3]: positions of each channel's transmitter and receiver, metres. moves_m [n, 3]:
@@ -41,16 +41,16 @@ class Channels:
     tx_m: np.ndarray
     rx_m: np.ndarray
     moves_m: np.ndarray
-    sides: tuple[Side, ...]
+    sides: tuple[GainSide, ...]
 
     @classmethod
-    def of(cls, aperture: Aperture) -> Channels:
+    def of(cls, aperture: Aperture) -> CaptureChannels:
         """Return an aperture's channels. The pairs of a moved array are recognised by the vector
         from transmitter to receiver, which stays the same when they move."""
         tx_m, rx_m = channel_ends(aperture)
         if isinstance(aperture, AntennaArray):
             t, r = (index.ravel() for index in np.indices(aperture.channels))
-            sides = Side(t, aperture.tx_m), Side(r, aperture.rx_m)
+            sides = GainSide(t, aperture.tx_m), GainSide(r, aperture.rx_m)
             return cls(tx_m, rx_m, np.zeros_like(tx_m), sides)
         middle_m = (tx_m + rx_m) / 2
         _, element = np.unique(np.rint((rx_m - tx_m) / SAME_M), axis=0, return_inverse=True)
@@ -58,7 +58,7 @@ class Channels:
         sums_m = np.zeros((element.max() + 1, 3))
         np.add.at(sums_m, element, middle_m)
         place_m = sums_m / np.bincount(element)[:, None]
-        return cls(tx_m, rx_m, middle_m - place_m[element], (Side(element, place_m),))
+        return cls(tx_m, rx_m, middle_m - place_m[element], (GainSide(element, place_m),))
 
     @property
     def middle_m(self) -> np.ndarray:
@@ -71,16 +71,16 @@ class Channels:
         """The larger extent of the middles along x or y."""
         return float(np.ptp(self.middle_m[:, :2], axis=0).max())
 
-    def some(self, index: np.ndarray) -> Channels:
+    def some(self, index: np.ndarray) -> CaptureChannels:
         """Return the channels with the given indices."""
-        sides = tuple(Side(side.of[index], side.place_m) for side in self.sides)
-        return Channels(self.tx_m[index], self.rx_m[index], self.moves_m[index], sides)
+        sides = tuple(GainSide(side.of[index], side.place_m) for side in self.sides)
+        return CaptureChannels(self.tx_m[index], self.rx_m[index], self.moves_m[index], sides)
 
-    def stretched(self, steps: np.ndarray) -> Channels:
+    def stretched(self, steps: np.ndarray) -> CaptureChannels:
         """Return the channels of a scan whose steps along x and y are larger by the shares
         steps [2]."""
         shift_m = self.moves_m * np.append(steps, 0.0)
-        return Channels(self.tx_m + shift_m, self.rx_m + shift_m, self.moves_m, self.sides)
+        return CaptureChannels(self.tx_m + shift_m, self.rx_m + shift_m, self.moves_m, self.sides)
 
     def spread(self, gains: Sequence[np.ndarray]) -> np.ndarray:
         """Return the gain of each channel [n], the product of its parts' gains: one array [parts]

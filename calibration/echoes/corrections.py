@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from handbench.calibration.echoes.channels import Channels
+from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.radar.data.arrays import BistaticScan, PlanarScan
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.config import Config, parse
@@ -27,7 +27,7 @@ class Corrections(Config):
     range_offset_m: by how much every target appears too far away, since the instrument and its
     cables delay the echo. scan_step: factors of the scan's steps along x and y. gains: [re, im] of
     the transmitters and of the receivers of an array, or of the elements of a moved one, in the
-    order of `Channels.sides`; empty if they were not estimated.
+    order of `CaptureChannels.sides`; empty if they were not estimated.
     """
 
     format: Literal["handbench-corrections"] = "handbench-corrections"
@@ -41,7 +41,7 @@ class Corrections(Config):
         gains, and the antennas of a scan are where its true steps take them. where: the
         file, which a HandbenchError names if the corrections are of a capture with other
         channels."""
-        channels = Channels.of(capture.aperture)
+        channels = CaptureChannels.of(capture.aperture)
         waves = capture.frequencies_hz / capture.wave_speed_m_s
         factor = np.exp(4j * np.pi * waves * self.range_offset_m)[:, None] / self.gain(
             channels, where
@@ -59,7 +59,7 @@ class Corrections(Config):
             )
         return replace(capture, samples=samples.astype(np.complex64), aperture=aperture)
 
-    def gain(self, channels: Channels, where: str) -> np.ndarray:
+    def gain(self, channels: CaptureChannels, where: str) -> np.ndarray:
         """Compute the gain of each channel, complex [n]. Raises HandbenchError, which begins with
         `where`, for gains of other channels and for gains of 0."""
         if not self.gains:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from handbench.calibration.echoes.channels import Channels
+from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.calibration.echoes.corrections import Corrections, Unknown
 from handbench.calibration.echoes.points import EACH, Fit, PointModel, Points, scales
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
@@ -134,7 +134,7 @@ def _model(capture: RadarCapture, unknown: frozenset[str], frame: int) -> PointM
     chosen = scaled_to_one(samples[:, live]).astype(np.complex128)
     ranges_m = np.arange(_cell_m(waves) / 4, _period_m(waves), _cell_m(waves) / 4)
     range_m = ranges_m[_range_profile(chosen, waves, ranges_m).argmax()]
-    channels = Channels.of(capture.aperture).some(live)
+    channels = CaptureChannels.of(capture.aperture).some(live)
     return PointModel(*_gated(chosen, waves, range_m), channels, unknown, float(range_m))
 
 
@@ -269,7 +269,7 @@ def _peaks(model: PointModel, rest: np.ndarray, points: Points) -> list[tuple[np
 def _image(
     model: PointModel,
     samples: np.ndarray,
-    channels: Channels,
+    channels: CaptureChannels,
     at_m: np.ndarray,
     index: np.ndarray | slice = slice(None),
 ) -> np.ndarray:

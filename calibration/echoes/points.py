@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from handbench.calibration.echoes.channels import Channels
+from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 
 # standard deviations expected beforehand of a log gain, the offset in metres, a step's share: wide,
@@ -38,7 +38,7 @@ class Points:
     echoes: np.ndarray
 
     @classmethod
-    def none(cls, channels: Channels) -> Points:
+    def none(cls, channels: CaptureChannels) -> Points:
         """Return no points, before an instrument without errors."""
         log_gains = tuple(np.zeros(side.count, np.complex128) for side in channels.sides)
         return cls(log_gains, 0.0, np.zeros(2), np.zeros((0, 3)), np.zeros(0, np.complex128))
@@ -74,7 +74,7 @@ class PointModel:
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
-    channels: Channels
+    channels: CaptureChannels
     unknown: frozenset[str]
     range_m: float
 
@@ -157,7 +157,7 @@ class PointModel:
         """Return what the points do not explain: samples − model, [f, n]."""
         return self.samples - np.array([terms.sum(axis=0) for _, terms in self.terms(points)])
 
-    def focused(self, samples: np.ndarray, points: Points) -> tuple[np.ndarray, Channels]:
+    def focused(self, samples: np.ndarray, points: Points) -> tuple[np.ndarray, CaptureChannels]:
         """Return samples [f, n] as an instrument without errors records them, by the estimates in
         `points`, and its channels."""
         gain = self.channels.spread([np.exp(g) for g in points.log_gains])
@@ -260,17 +260,17 @@ def scales(matrix: np.ndarray) -> np.ndarray:
     return np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
 
 
-def _path_m(channels: Channels, place_m: np.ndarray) -> np.ndarray:
+def _path_m(channels: CaptureChannels, place_m: np.ndarray) -> np.ndarray:
     """Length of each channel's path over points [k, 3]: [k, n], metres."""
     ends = (np.linalg.norm(place_m[:, None] - end_m, axis=2) for end_m in _ends(channels))
     return np.asarray(sum(ends))
 
 
-def _slopes(channels: Channels, place_m: np.ndarray) -> np.ndarray:
+def _slopes(channels: CaptureChannels, place_m: np.ndarray) -> np.ndarray:
     """Derivatives of the paths by the points' positions: [k, n, 3]."""
     away = (place_m[:, None] - end_m for end_m in _ends(channels))
     return np.asarray(sum(way / np.linalg.norm(way, axis=2, keepdims=True) for way in away))
 
 
-def _ends(channels: Channels) -> tuple[np.ndarray, np.ndarray]:
+def _ends(channels: CaptureChannels) -> tuple[np.ndarray, np.ndarray]:
     return channels.tx_m, channels.rx_m

@@ -5,7 +5,7 @@ Schönberger et al., "Pixelwise view selection for unstructured multi-view stere
 replaces the plane sweep and the iterations of PatchMatch on the CPU; it gets the same views, source
 views and window size. Its planes then pass through `refine_planes` without iterations: a step of
 refinement with curved windows, and the same limits of cost, incidence and jumps (COLMAP writes no
-costs). The fusion and its uncertainty can thus treat maps from either device alike. COLMAP's random
+costs). The fusion and its uncertainty thus treat maps from both devices equally. COLMAP's random
 numbers are the same in every run; there is no seed to set.
 
 COLMAP's workspace is written from our views and not by its `undistort_images`: our views are

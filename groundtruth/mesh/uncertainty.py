@@ -15,7 +15,7 @@ textures.
 *Extrapolation*: where the surface continues beyond the photographed points, its slope is known only
 with the standard deviation SLOPE (1/4).
 
-*Windows*: on curved or slanted surfaces, matching windows shift all depth maps alike, by a few
+*Windows*: on curved or slanted surfaces, matching windows shift all depth maps equally, by a few
 hundredths of a pixel (SHARED_PX). At the border of the visible surface, mostly a silhouette,
 windows include the background, which shifts the surface by FATTENED_PX (a tenth of a pixel) at the
 border, and by less up to a window's width inside. The spread between the views shows neither shift,

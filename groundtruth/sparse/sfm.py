@@ -46,7 +46,7 @@ class Lenses:
     focal_px: focal length of each photograph by its name, used if nothing else is known.
 
     shared: how many unknown lenses there are: one for all photographs of a size (True), one for
-    each photograph (False), or one for each camera, told apart by EXIF data or, without them,
+    each photograph (False), or one for each camera, distinguished by EXIF data or, without them,
     picture size (None).
     """
 

@@ -153,8 +153,8 @@ def test_a_boards_own_files(tmp_path):
     echoes = hb.load(tmp_path / "out").echoes
     samples = echoes.samples  # 32 loops of each of 8 files
     assert samples.shape == (256, 256, 2, 4)
-    # The set has chirps 0 and 32, and takes them for those of two transmitters. But they are alike
-    # and their neighbours are not: the transmitters alternate, and both are of the first.
+    # The set has chirps 0 and 32, and takes them for those of two transmitters. But they are
+    # nearly equal and their neighbours are not: the transmitters alternate, both are of the first.
     truth = np.load(CHAIR / "sar_raw.npy", mmap_mode="r")[0, :8].conj()
     for chirp, four in ((0, slice(4)), (16, slice(4, 8))):
         assert np.array_equal(samples[chirp::32, :, 0].transpose(0, 2, 1), truth[:, four])

@@ -21,7 +21,7 @@ from tests.calibration.echoes.planted import Planted, planted
 COLUMNS = (
     Column("quantity", str, "what is estimated", heading="quantity"),
     Column("captures", int, "of which it is unknown", heading="captures"),
-    Column("determined", int, "in which it is said to be determined", heading="determined"),
+    Column("determined", int, "in which it is determined", heading="determined"),
     Column("held_percent", float, "of those whose interval holds the truth", heading="held %"),
     Column("sigma", float, "median standard deviation of those", heading="median σ", form="{:.2g}"),
 )
@@ -31,7 +31,7 @@ EACH = (
     Column("error", float, "estimate less truth", heading="error", form="{:.3g}"),
     Column("sigma", float, "standard deviation", heading="σ", form="{:.3g}"),
     Column("half_width", float, "of the 95 % interval", heading="±", form="{:.3g}"),
-    Column("determined", str, "whether it is said to be", heading="determined"),
+    Column("determined", str, "whether it is determined", heading="determined"),
 )
 
 

@@ -4,7 +4,7 @@ them."""
 import numpy as np
 import pytest
 
-from handbench.calibration.echoes.channels import Channels
+from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.calibration.echoes.corrections import Corrections
 from handbench.calibration.echoes.estimate import self_calibrate
 from handbench.calibration.echoes.sentences import sentences
@@ -49,13 +49,13 @@ def test_planted_errors_are_found(kind, unknown):
 
 def gain_of(corrections, capture):
     """The gain of each channel [n] by which the corrections divide."""
-    return corrections.gain(Channels.of(capture.aperture), "test")
+    return corrections.gain(CaptureChannels.of(capture.aperture), "test")
 
 
 def unshifted(phases, capture):
     """Phases [n] without what a shift of the target imitates: what grows in proportion to the
     places of transmitter and receiver."""
-    channels = Channels.of(capture.aperture)
+    channels = CaptureChannels.of(capture.aperture)
     places_m = np.column_stack([np.ones(len(phases)), channels.tx_m[:, :2], channels.rx_m[:, :2]])
     return phases - places_m @ np.linalg.lstsq(places_m, phases, rcond=None)[0]
 
@@ -91,7 +91,7 @@ def test_what_cannot_be_estimated_is_refused(kind, unknown, snr_db, words):
 def test_corrections_undo_offset_steps_and_gains():
     """The true values give the samples and places of an instrument without errors."""
     truth = planted(7, "rails", ["range_offset", "scan_step", "gains"], snr_db=200)
-    channels = Channels.of(truth.capture.aperture)
+    channels = CaptureChannels.of(truth.capture.aperture)
     [side] = channels.sides
     first = [int(np.flatnonzero(side.of == part)[0]) for part in range(side.count)]
     gains = tuple((g.real, g.imag) for g in truth.gains[first].tolist())
@@ -117,11 +117,11 @@ def test_the_command_writes_corrections_that_readers_apply(tmp_path, capsys):
     (folder / "capture.toml").write_text('version = 1\nname = "scan"\nunknown = ["range_offset"]\n')
     command = ["calibrate", str(folder), "--from-echoes"]
     assert main(command) == 0
-    assert "scan: range offset: " in (said := capsys.readouterr().err) and "written" in said
+    assert "scan: range offset: " in (printed := capsys.readouterr().err) and "written" in printed
     assert main(command) == 2
     assert "--overwrite" in capsys.readouterr().err
     assert main([*command, "--overwrite"]) == 0  # from the echoes as recorded, not as corrected
-    assert said.splitlines()[0] in capsys.readouterr().err
+    assert printed.splitlines()[0] in capsys.readouterr().err
     image = ["reconstruct", str(folder), "--method", "2fsk", "-o", str(tmp_path / "depth.npz")]
     tones = "--set f1_hz=8.2e9 --set f2_hz=7.2e9 --set first_depth_m=auto --set x.step_m=0.01"
     assert main([*image, *tones.split(), "--set", "y.step_m=0.01"]) == 0
