@@ -62,8 +62,8 @@ SENSOR = {
 
 
 def rounded_scenes(target: dict) -> tuple[EchoScene, EchoScene]:
-    """A scene before every eighth antenna, and the same once all vertices are multiplied by 1 +
-    SHARE."""
+    """A scene before every eighth antenna, with facets and mirrors of twice the usual edge, and the
+    same once all vertices are multiplied by 1 + SHARE."""
     values = {"version": 1, "name": "s", "target": {"distance_m": 0.3, **target}, "sensor": SENSOR}
     values |= {"noise": {"phase_noise_rad": 0.03}}
     values |= {"stand": {"reflectivity_db": -10.0}} if target["kind"] == "plate" else {}
@@ -74,7 +74,8 @@ def rounded_scenes(target: dict) -> tuple[EchoScene, EchoScene]:
     after = echo_scene(scene)
     sparse = AntennaArray(before.array.tx_m[::8], before.array.rx_m[::8])
     room = tuple(replace(body, vertices_m=body.vertices_m * (1 + SHARE)) for body in after.room)
-    return replace(before, array=sparse), replace(after, array=sparse, room=room)
+    coarse = {"array": sparse, "coarser": 2.0}
+    return replace(before, **coarse), replace(after, **coarse, room=room)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.studies.registration import measure_registration as study
 from handbench.calibration.transforms import Transform
+from tests.calibration.seen_target import search_coarsely
 
 TRUE = Transform("photo", "radar", np.eye(4))
 
@@ -39,6 +40,7 @@ def test_faults_hide_what_they_say(number, fault, echoing, seen):
 def test_a_refusal_is_counted_and_a_placement_scored(ran, monkeypatch, capsys):
     """With the echoes' first, coarse centres: fitting them to the samples takes most of the
     time."""
+    search_coarsely(monkeypatch)
     monkeypatch.setattr(
         "handbench.calibration.registration.register.fit_balls",
         lambda capture, target, found, balls: found,
