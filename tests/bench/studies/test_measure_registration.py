@@ -51,4 +51,4 @@ def test_a_refusal_is_counted_and_a_placement_scored(ran, monkeypatch, capsys):
         ("none", 1, 0),
         ("two hidden", 0, 1),
     ]
-    assert "- two hidden: photographs: 3 of 3 candidates" in capsys.readouterr().out
+    assert "- two hidden: photographs: 3 of 3 detections match" in capsys.readouterr().out
