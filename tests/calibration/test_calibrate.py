@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from handbench.calibration.registration.register import common_covariance, measure, solve
+from tests.calibration.seen_target import search_coarsely
 from tests.calibration.spheres.test_balls import capture, centres
 from tests.calibration.spheres.test_spheres import scene
 
 
 @pytest.mark.slow
-def test_a_cloud_and_echoes_give_the_transform(rng, target):
+def test_a_cloud_and_echoes_give_the_transform(rng, target, monkeypatch):
     """0.1 mm at every element: spheres are good for 0.02 mm, balls for 0.03 mm each."""
+    search_coarsely(monkeypatch)
     points_m, normals, photo_m = scene(rng, target, 0.35)
     radar_m = centres(rng, target)
     echoes = capture(rng, target, radar_m, (0, 1, 2, 3, 4), None)

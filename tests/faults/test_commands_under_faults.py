@@ -166,7 +166,7 @@ def runs(tmp_path_factory):
     ("sent", "codes"), [(signal.SIGTERM, {-15}), (signal.SIGINT, {130, -2})], ids=["TERM", "INT"]
 )
 def test_a_run_that_a_signal_ends_after_a_stage_goes_on(runs, tmp_path, sent, codes):
-    """SIGKILL after each stage is in tests/bench/run/test_resume.py."""
+    """SIGKILL after stages of several kinds is in tests/bench/run/test_resume.py."""
     processes, expected = runs
     number, out = processes.started(tmp_path / "out"), tmp_path / "out"
     while not list(out.glob("work/simulate-*")):
@@ -202,7 +202,8 @@ def test_short_memory_is_one_sentence(inputs, tmp_path, limit_mb):
 def test_a_command_does_without_home_and_caches(inputs, tmp_path, monkeypatch, kind):
     (tmp_path / "read only").mkdir(mode=0o555)
     (tmp_path / "file").touch()
-    cache = () if kind == "missing" else ("NUMBA_CACHE_DIR",)  # there the kernels would be compiled
+    # in a folder that can be made the kernels would be compiled
+    cache = ("NUMBA_CACHE_DIR",) if kind == "file" else ()
     for name in ("HOME", "TMPDIR", "XDG_CACHE_HOME", "MPLCONFIGDIR", *cache):
         monkeypatch.setenv(name, str(tmp_path / kind))
     rights = "from tests.bench.run.faults import nobody_s_rights; nobody = nobody_s_rights()"

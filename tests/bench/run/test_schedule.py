@@ -23,20 +23,7 @@ from handbench.support.store import Stage, cached
 from tests.bench.run.faults import figures
 from tests.bench.run.jobs_of_tests import deadly, performed, stage_of
 
-CAPTURES = 2
-
-
-def several(small_bench: Path) -> Path:
-    """The small benchmark with several captures, which differ in distance and noise."""
-    scene, names = (small_bench.parent / "ball.toml").read_text(), []
-    for k in range(CAPTURES):
-        changed = scene.replace('"ball"', f'"ball{k}"').replace("0.30", f"{0.295 + 0.002 * k:.3f}")
-        names.append(f'scene = "ball{k}.toml"')
-        file = small_bench.parent / f"ball{k}.toml"
-        file.write_text(changed.replace("seed = 3", f"seed = {k}"))
-    captures = "\n[[capture]]\n".join(names)
-    small_bench.write_text(small_bench.read_text().replace('scene = "ball.toml"', captures))
-    return small_bench
+STAGES = 6  # of the small benchmark
 
 
 def finished(work: Path) -> int:
@@ -52,14 +39,12 @@ def _fails_or_ends(root: Path, job: Stage) -> str:
 
 
 @pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_path):
+def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, small_result, tmp_path):
     distributed = pytest.importorskip("distributed")
     import dask
 
-    bench, base = load_benchmark(str(several(small_bench)))
-    serial, cluster = tmp_path / "serial", tmp_path / "cluster"
-    run(bench, base, serial)
-    stages, killed_at = 6 * CAPTURES, list[int]()
+    (bench, base), cluster = load_benchmark(str(small_bench)), tmp_path / "cluster"
+    killed_at = list[int]()
 
     def kill_in_the_middle(process: int) -> None:
         while finished(cluster / "work") < 2:
@@ -77,11 +62,11 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, tmp_p
         address = workers.scheduler_address
         result = run(bench, base, cluster, scheduler=address)
         assert run(bench, base, cluster, scheduler=address).tasks.cached.all()
-        assert 2 <= killed_at[0] < stages and workers.workers[0].pid != killed
-    assert figures(cluster) == figures(serial)
-    for path in serial.glob("*/*.npz"):
-        assert path.read_bytes() == (cluster / path.relative_to(serial)).read_bytes()
-    assert len(result.tasks) == stages and result.about.failures == ()
+        assert 2 <= killed_at[0] < STAGES and workers.workers[0].pid != killed
+    assert figures(cluster) == figures(small_result)
+    for path in small_result.glob("*/*.npz"):
+        assert path.read_bytes() == (cluster / path.relative_to(small_result)).read_bytes()
+    assert len(result.tasks) == STAGES and result.about.failures == ()
 
 
 @pytest.fixture(params=["in place", "cluster"])

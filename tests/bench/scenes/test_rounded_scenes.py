@@ -3,13 +3,11 @@ itself, on a hand and small bodies. The references are the same scenes unmoved."
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.groundtruth.mesh.mesh_files import load_open3d
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.scene import EchoScene
@@ -62,19 +60,19 @@ SENSOR = {
 
 
 def rounded_scenes(target: dict) -> tuple[EchoScene, EchoScene]:
-    """A scene before every eighth antenna, and the same once all vertices are multiplied by 1 +
-    SHARE."""
+    """A scene before every eighth antenna, with facets and mirrors of twice the usual edge, and the
+    same once all vertices are multiplied by 1 + SHARE."""
     values = {"version": 1, "name": "s", "target": {"distance_m": 0.3, **target}, "sensor": SENSOR}
     values |= {"noise": {"phase_noise_rad": 0.03}}
     values |= {"stand": {"reflectivity_db": -10.0}} if target["kind"] == "plate" else {}
-    scene = build(parse(SceneFile, values, "test"))
-    before = echo_scene(scene)
-    vertices_m = np.asarray(scene.target_mesh.vertices) * (1 + SHARE)
-    scene.target_mesh.vertices = load_open3d().utility.Vector3dVector(vertices_m)
-    after = echo_scene(scene)
-    sparse = AntennaArray(before.array.tx_m[::8], before.array.rx_m[::8])
-    room = tuple(replace(body, vertices_m=body.vertices_m * (1 + SHARE)) for body in after.room)
-    return replace(before, array=sparse), replace(after, array=sparse, room=room)
+    made = echo_scene(build(parse(SceneFile, values, "test")))
+    sparse = AntennaArray(made.array.tx_m[::8], made.array.rx_m[::8])
+    before = replace(made, array=sparse, coarser=2.0)
+    body, *room = (
+        replace(body, vertices_m=body.vertices_m * (1 + SHARE)) for body in (made.body, *made.room)
+    )
+    assert (body.vertices_m != made.body.vertices_m).any()
+    return before, replace(before, target=body, room=tuple(room))
 
 
 @pytest.mark.slow

@@ -3,10 +3,11 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 
-from handbench.bench.studies.engine import measure_engine, turns
+from handbench.bench.studies.engine import measure_engine, textbook, turns, volume_rows
 from handbench.bench.studies.engine.scope import QUICK, Inputs, white_noise
 from handbench.bench.studies.engine.textbook import numba_sum, numpy_sum, range_compressed
 from handbench.radar.data.arrays import AntennaArray, qar50
@@ -16,6 +17,16 @@ from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import relative_error
 
 TONES_HZ = np.linspace(72e9, 82e9, 64)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def serial():
+    """The yardsticks compiled for one thread, which takes a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_numba_sum", "_interpolated"):
+            loops = getattr(textbook, name).py_func
+            patch.setattr(textbook, name, numba.njit(fastmath=True)(loops))
+        yield
 
 
 # Range profiles are interpolated linearly between 64 bins per cell: (π/64)²/8 = 3e-4 at the band's
@@ -55,6 +66,7 @@ def test_every_section_writes_its_rows(ran, monkeypatch):
         tones=(16, 32),
     )
     monkeypatch.setattr(measure_engine, "QUICK", small)
+    monkeypatch.setattr(volume_rows, "FRAMES", 2)
     monkeypatch.setattr(turns, "room", lambda: ThreadPoolExecutor(1))
     found = ran(measure_engine, "--quick")
     assert found["failures"] == {}

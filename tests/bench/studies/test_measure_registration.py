@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.studies.registration import measure_registration as study
 from handbench.calibration.transforms import Transform
+from tests.calibration.seen_target import search_coarsely
 
 TRUE = Transform("photo", "radar", np.eye(4))
 
@@ -39,6 +40,7 @@ def test_faults_hide_what_they_say(number, fault, echoing, seen):
 def test_a_refusal_is_counted_and_a_placement_scored(ran, monkeypatch, capsys):
     """With the echoes' first, coarse centres: fitting them to the samples takes most of the
     time."""
+    search_coarsely(monkeypatch)
     monkeypatch.setattr(
         "handbench.calibration.registration.register.fit_balls",
         lambda capture, target, found, balls: found,
@@ -49,4 +51,4 @@ def test_a_refusal_is_counted_and_a_placement_scored(ran, monkeypatch, capsys):
         ("none", 1, 0),
         ("two hidden", 0, 1),
     ]
-    assert "- two hidden: photographs: 3 of 3 candidates" in capsys.readouterr().out
+    assert "- two hidden: photographs: 3 of 3 detections match" in capsys.readouterr().out

@@ -27,7 +27,6 @@ FOLDER = Path(__file__).parent / "echoes"
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
 KEPT = (
     ("one finger", "skin"),
-    ("fingers 6 mm apart", "skin"),
     ("finger before palm", "skin"),
     ("finger before palm, 12 mm aside", "metal"),
 )

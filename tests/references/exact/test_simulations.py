@@ -32,9 +32,6 @@ TWICE = (*ONCE, "multipath")
 BENT = ("obliquity", "shadow_diffraction")
 BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK
     ("one finger", "skin", ONCE, 0.06, 0.12, 0.045),
-    # 0.15 of bounces from the transmitters alone; their mean with those from the receivers is
-    # reciprocal.
-    ("fingers 6 mm apart", "skin", (*BENT, "multipath"), 0.17, 0.3, 0.23),
     ("finger before palm", "skin", BENT, 0.06, 0.32, 0.07),
     ("finger before palm, 12 mm aside", "metal", (*BENT, "multipath"), 0.14, 2.8, 1.1),
     ("sphere of 10 mm", "metal", ONCE, 0.06, 0.08, 0.08),

@@ -6,10 +6,18 @@ import pandas as pd
 import pytest
 
 from handbench.cli.main import main
+from handbench.reports.page import html, rendering
 
 
 @pytest.mark.slow
-def test_several_results_are_one_ranking_with_their_reports(small_result, tmp_path, capsys):
+def test_several_results_are_one_ranking_with_their_reports(
+    small_result, tmp_path, capsys, monkeypatch
+):
+    """Of the pictures those of the causes alone, which nothing else draws, and as PNG only."""
+    monkeypatch.setattr(html, "panels", lambda *_: ())
+    monkeypatch.setattr(html.charts, "overview", lambda *_: ())
+    images = rendering.images
+    monkeypatch.setattr(rendering, "images", lambda draw, folder, _=0: images(draw, folder, False))
     shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))
     shutil.copytree(small_result, tmp_path / "B <b>", ignore=shutil.ignore_patterns("work"))
     scores = pd.read_csv(tmp_path / "B <b>" / "scores.csv", keep_default_na=False)

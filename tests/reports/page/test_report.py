@@ -168,12 +168,13 @@ def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
 @pytest.mark.slow
 def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch):
     """Captures that do not fit on the first page go to pages of their own; of an earlier report
-    none stays."""
+    none stays. The charts of all captures get what the pages' processes have counted."""
     methods = {"3fsk": METHODS["3fsk"]}
     folder = write_synthetic(tmp_path / "r", ("B", "F", "U"), methods, ("truth",), step_m=6e-3)
     monkeypatch.setattr(html, "ABREAST", 1)
     monkeypatch.setattr(html, "FIRST", 1)
-    written = []
+    written, counted = [], []
+    monkeypatch.setattr(html.charts, "overview", lambda _, counts: counted.append(counts) or ())
     for count in ("1", "2"):
         monkeypatch.setenv("HANDBENCH_WORKERS", count)
         out = tmp_path / count
@@ -183,6 +184,7 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
         files = sorted(out.rglob("*.html"))
         written.append({file.relative_to(out): file.read_bytes() for file in files})
     assert len(written[0]) == 3 and written[0] == written[1]
+    np.testing.assert_equal(*counted)
     # of further pages PNG only
     figures = {"depth_B.pdf", "depth_B.png", "depth_F.png", "depth_U.png"}
     assert {file.name for file in (out / "figures").glob("depth_*")} == figures
