@@ -196,7 +196,8 @@ def _delete(folder: Path) -> None:
     If the program left something that cannot be deleted, such as immutable files or thousands of
     nested folders, a message asks the user to delete it."""
     with suppress(OSError, RecursionError):
-        shutil.rmtree(folder)
+        if folder.exists():  # else the supervising process has deleted it
+            shutil.rmtree(folder)
         return
     say(f"{folder}: could not be deleted completely; delete it by hand")
 

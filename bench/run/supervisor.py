@@ -25,14 +25,14 @@ PDEATHSIG, CHILD_SUBREAPER = 1, 36  # of prctl
 
 def supervise(parent: int, folder: str, limit_bytes: int, command: list[str]) -> int:
     """Run a command until it ends, and return its exit code (128 + n if signal n ended it).
-    parent: process id of handbench; if that process is gone, all processes are killed and `folder`
-    is deleted. limit_bytes: limit of the command's address space, and of each file that it writes;
-    0: no limit."""
+    parent: process id of handbench; if that process is gone, or ends this one, all processes are
+    killed and `folder` is deleted. limit_bytes: limit of the command's address space, and of each
+    file that it writes; 0: no limit."""
 
     def give_up(*_: Any) -> None:
         end_children()
-        if os.getppid() != parent:
-            shutil.rmtree(folder, ignore_errors=True)
+        # not only if handbench has gone: other threads of a killed process may still be ending
+        shutil.rmtree(folder, ignore_errors=True)
         os._exit(128 + signal.SIGTERM)
 
     def begin() -> None:

@@ -7,7 +7,8 @@ import tomllib
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Literal, Self, TypeVar, Union, get_args, get_origin
 
 import pydantic
 
@@ -210,7 +211,10 @@ def _follow(
     location: place of the value as pydantic gives it; if alternatives of a union exist, it also
     names the chosen class."""
     models, keys = [model], []
+    fields: list[Any] = []
     for part in location:
+        if isinstance(part, str) and any(_is_choice_of_values(f.annotation) for f in fields):
+            continue  # the alternative's name, which is no key
         tagged = [m for m in models if len(models) > 1 and _is_tagged(m, part)]
         if tagged:
             models = tagged
@@ -219,6 +223,11 @@ def _follow(
         fields = [m.model_fields[part] for m in models if part in m.model_fields]
         models = [inner for field in fields for inner in _models_in(field.annotation)] or models
     return models, keys
+
+
+def _is_choice_of_values(annotation: Any) -> bool:
+    """Return True for a union of plain values, such as a number or a word."""
+    return get_origin(annotation) in (Union, UnionType) and not _models_in(annotation)
 
 
 def _is_tagged(model: type[Config], part: int | str) -> bool:
