@@ -8,15 +8,12 @@ import tomllib
 import zipfile
 from pathlib import Path
 
-import pytest
-
 from tests.installed_copy import ROOMS
 
 ROOT = Path(__file__).parents[1]
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 
 
-@pytest.mark.slow
 def test_every_file_is_installed(tmp_path):
     """The files of the repository and those of a wheel, whose only top-level name is handbench."""
     tree, listing = tmp_path / "tree", ["git", "ls-files", "-z"]
