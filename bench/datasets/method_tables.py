@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.advice import matching_settings, require_tones
 from handbench.radar.methods.evidence import POINT_WAVELENGTHS, live_extents_m, shortest_m
@@ -55,7 +55,7 @@ def _box(capture: RadarCapture, tones_hz: np.ndarray, step_hz: float) -> dict[st
     if far_m is None:
         return {}
     half_m = min(HALF_BOX_M, SPEED_OF_LIGHT_M_S / 4 / step_hz)
-    step_m = max(1e-3, round(SPEED_OF_LIGHT_M_S / 2 / np.ptp(tones_hz) / STEPS, 4))
+    step_m = max(1e-3, round(range_cell_m(tones_hz) / STEPS, 4))
     start_m = round(max(far_m - half_m, NEAREST_M), 3)
     count = int((far_m + half_m - start_m) / step_m)
     return {

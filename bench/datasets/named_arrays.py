@@ -169,12 +169,7 @@ def _open(path: Path) -> Iterator[tuple[Callable[[str], list[str]], Read]]:
                     arrays = {"": read_array(stream, path.stat().st_size)}
             else:
                 arrays = _read_table(path) if kind in TABLES else read_matlab(path)
-            yield (
-                lambda name: (
-                    fnmatch.filter(arrays, name) if "*" in name else [name] * (name in arrays)
-                ),
-                arrays.__getitem__,
-            )
+            yield partial(_matching, list(arrays)), arrays.__getitem__
     except HandbenchError:
         raise
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:

@@ -123,8 +123,7 @@ def _samples(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found:
     errors = np.abs(wanted - windows @ weights).reshape(values.shape) ** 2
     chirps = profile.loops * len(profile.transmitters)
     chirps *= len(profile.receivers) if profile.lanes == 2 else 1
-    fitting = _divisors(len(values) // chirps)
-    for other in fitting:
+    for other in _divisors(len(values) // chirps):
         long_enough = other >= SHORTEST and other % 2 == 0 and other != n
         if long_enough and _begin(errors.sum(axis=1), n, other):
             return [{"samples": other}], f"chirps begin every {other} samples, not every {n}"
@@ -188,9 +187,7 @@ def _channels(source: Path, numbers: np.ndarray, profile: ChirpProfile) -> Found
         fields = fewest.get(trial.channels, len(trial.change))
         fewest[trial.channels] = min(fields, len(trial.change))
     best = [trial.change for trial in good if len(trial.change) == fewest[trial.channels]]
-    if not best:
-        return None
-    if {} in best:
+    if not best or {} in best:
         return None
     shown = f"repetitions of a channel differ by {100 * given:.2g} % of their power"
     if repeats:

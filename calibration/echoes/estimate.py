@@ -17,7 +17,13 @@ from scipy import stats
 from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.calibration.echoes.corrections import Corrections, Unknown
 from handbench.calibration.echoes.points import EACH, Fit, PointModel, Points, scales
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
+from handbench.radar.data.arrays import (
+    SPEED_OF_LIGHT_M_S,
+    AntennaArray,
+    BistaticScan,
+    range_cell_m,
+    range_period_m,
+)
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.imaging.api import image_points
 from handbench.support.errors import HandbenchError
@@ -80,14 +86,12 @@ class SelfCalibration:
     sharper_db: float
 
 
-def self_calibrate(
-    capture: RadarCapture, unknown: Iterable[Unknown], frame: int = 0
-) -> SelfCalibration:
-    """Estimate what is unknown of a capture's instrument from one frame of its echoes. Raises
+def self_calibrate(capture: RadarCapture, unknown: Iterable[Unknown]) -> SelfCalibration:
+    """Estimate what is unknown of a capture's instrument from its first frame's echoes. Raises
     HandbenchError if no echo stands out from the noise, or nothing unknown can be estimated."""
     asked = frozenset(unknown)
     _require_sense(capture, asked)
-    model = _model(capture, asked, frame)
+    model = _model(capture, asked)
     start = _start(model)
     fit, noise_left = _with_points(model, start)
     covariance = _covariance(model, fit)
@@ -96,7 +100,7 @@ def self_calibrate(
         fit,
         covariance,
         noise_left,
-        _period_m(capture.frequencies_hz) * capture.wave_speed_m_s / SPEED_OF_LIGHT_M_S,
+        range_period_m(capture.frequencies_hz) * capture.wave_speed_m_s / SPEED_OF_LIGHT_M_S,
     )
 
 
@@ -120,19 +124,19 @@ def _require_sense(capture: RadarCapture, unknown: frozenset[str]) -> None:
         raise HandbenchError("echoes: have one tone; expected two or more, which give the range")
 
 
-def _model(capture: RadarCapture, unknown: frozenset[str], frame: int) -> PointModel:
-    """Choose tones and channels of a frame and return their model."""
+def _model(capture: RadarCapture, unknown: frozenset[str]) -> PointModel:
+    """Choose tones and channels of the first frame and return their model."""
     order = np.argsort(capture.frequencies_hz)
-    samples = capture.samples[frame].reshape(len(order), -1)[order]
+    samples = capture.samples[0].reshape(len(order), -1)[order]
     live = np.flatnonzero(samples.any(axis=0))
     if len(live) == 0:
-        raise HandbenchError(f"echoes, frame {frame}: are all 0; record them again")
+        raise HandbenchError("echoes, frame 0: are all 0; record them again")
     # a random choice of pairs has every antenna, and no pattern that shows as a ghost
     if len(live) > MOST_CHANNELS:
         live = np.sort(np.random.default_rng(0).choice(live, MOST_CHANNELS, replace=False))
     waves = capture.frequencies_hz[order] * (SPEED_OF_LIGHT_M_S / capture.wave_speed_m_s)
     chosen = scaled_to_one(samples[:, live]).astype(np.complex128)
-    ranges_m = np.arange(_cell_m(waves) / 4, _period_m(waves), _cell_m(waves) / 4)
+    ranges_m = np.arange(range_cell_m(waves) / 4, range_period_m(waves), range_cell_m(waves) / 4)
     range_m = ranges_m[_range_profile(chosen, waves, ranges_m).argmax()]
     channels = CaptureChannels.of(capture.aperture).some(live)
     return PointModel(*_gated(chosen, waves, range_m), channels, unknown, float(range_m))
@@ -162,10 +166,10 @@ def _start(model: PointModel) -> Points:
         tried = [replace(start, steps=np.full(2, factor - 1)) for factor in STEP_FACTORS]
     else:
         return start
-    peaks = []
+    peaks, directions, centre_m = [], _directions(model), _centre_m(model)
     for points in track(tried, "looking for the sharpest image"):
         samples, channels = model.focused(model.samples, points)
-        at_m = _directions(model) * (range_m - points.offset_m) + _centre_m(model)
+        at_m = directions * (range_m - points.offset_m) + centre_m
         image = _image(model, samples, channels, at_m, index)
         peaks.append(np.abs(image).max())
     return tried[int(np.argmax(peaks))]
@@ -201,7 +205,7 @@ def _with_points(model: PointModel, start: Points) -> tuple[Fit, bool]:
     # points that were needed on the way to the values may not be needed with them
     for count in range(1, len(points.echoes) + 1):
         fit = model.fit(_best(model, [points.strongest(count)], several=True), MOST_STEPS)
-        if _strongest(model, model.residual(fit.points), fit.points) is None:
+        if not _peaks(model, model.residual(fit.points), fit.points):
             return fit, True
     return fit, False
 
@@ -234,23 +238,15 @@ def _with_steps(points: Points, model: PointModel, factors: np.ndarray) -> Point
     return replace(points, offset_m=points.offset_m + offset_m, steps=steps, place_m=place_m)
 
 
-def _strongest(
-    model: PointModel, rest: np.ndarray, points: Points
-) -> tuple[np.ndarray, complex] | None:
-    """Find the strongest point in the image of samples that are not yet explained: (position [3],
-    echo); None if noise alone may be as strong."""
-    found = _peaks(model, rest, points)
-    return found[0] if found else None
-
-
 def _peaks(model: PointModel, rest: np.ndarray, points: Points) -> list[tuple[np.ndarray, complex]]:
     """Find the highest peaks, at most MOST_PEAKS, in the image of samples that are not yet
     explained: a list of (position [3], echo), highest first; empty if noise alone may be as
     strong."""
     samples, channels = model.focused(rest, points)
     shell_m = _range_m(model, samples, points.offset_m)
-    shells_m = shell_m + _cell_m(model.frequencies_hz) * np.array([-0.5, 0, 0.5])
-    at_m = np.concatenate([_directions(model) * shell + _centre_m(model) for shell in shells_m])
+    shells_m = shell_m + range_cell_m(model.frequencies_hz) * np.array([-0.5, 0, 0.5])
+    directions, centre_m = _directions(model), _centre_m(model)
+    at_m = np.concatenate([directions * shell + centre_m for shell in shells_m])
     rough = _image(model, samples, channels, at_m, even_subset(samples.shape[1], SEARCHED))
     best_m = at_m[np.argsort(np.abs(rough))[-PROMISING:]]
     image = _image(model, samples, channels, best_m)
@@ -298,17 +294,6 @@ def _centre_m(model: PointModel) -> np.ndarray:
     return model.channels.middle_m.mean(axis=0)
 
 
-def _cell_m(frequencies_hz: np.ndarray) -> float:
-    """The range resolution c/2B."""
-    return SPEED_OF_LIGHT_M_S / 2 / float(np.ptp(frequencies_hz))
-
-
-def _period_m(frequencies_hz: np.ndarray) -> float:
-    """The range c/2Δf after which echoes repeat."""
-    gaps_hz = np.diff(np.unique(frequencies_hz))
-    return SPEED_OF_LIGHT_M_S / 2 / float(gaps_hz.min())
-
-
 def _turned(frequencies_hz: np.ndarray, ranges_m: np.ndarray | float) -> np.ndarray:
     """Factors exp(+j4πf·range/c) that undo the phase of an echo: [..., f]."""
     waves = np.multiply.outer(ranges_m, frequencies_hz) / SPEED_OF_LIGHT_M_S
@@ -326,7 +311,7 @@ def _range_m(model: PointModel, samples: np.ndarray, offset_m: float) -> float:
     """Range of the strongest echo in samples [f, n] of the model that are free of a range
     offset."""
     tones_hz = model.frequencies_hz
-    half_m, step_m = _period_m(tones_hz) / 2, _cell_m(tones_hz) / 4
+    half_m, step_m = range_period_m(tones_hz) / 2, range_cell_m(tones_hz) / 4
     ranges_m = model.range_m - offset_m + np.arange(-half_m, half_m, step_m)
     ranges_m = ranges_m[ranges_m > step_m]
     return float(ranges_m[_range_profile(samples, tones_hz, ranges_m).argmax()])
@@ -379,7 +364,7 @@ def _result(
         at["range_offset_m"] = places["range_offset"].start
         offset_m = points.offset_m - period_m * np.rint(points.offset_m / period_m)
         estimates["range_offset_m"] = estimate(
-            offset_m, at["range_offset_m"], _cell_m(model.frequencies_hz) / 2
+            offset_m, at["range_offset_m"], range_cell_m(model.frequencies_hz) / 2
         )
     for i, axis in enumerate(model.axes):
         name = f"scan_step_{'xy'[axis]}"
@@ -458,7 +443,7 @@ def _sharper_db(model: PointModel, points: Points) -> float:
         best_m = at_m[np.abs(rough).argmax()]
         apart_m = np.linalg.norm(at_m - best_m, axis=1)
         near_m = np.sort(apart_m)[1] * np.linspace(-1, 1, 9)
-        deep_m = _cell_m(model.frequencies_hz) * np.linspace(-1, 1, 17)
+        deep_m = range_cell_m(model.frequencies_hz) * np.linspace(-1, 1, 17)
         cube_m = np.stack(np.meshgrid(near_m, near_m, deep_m), axis=-1).reshape(-1, 3)
         fine = _image(model, samples, channels, best_m + cube_m)
         peaks.append(np.abs(fine).max() / np.sqrt((np.abs(samples) ** 2).mean()))

@@ -157,6 +157,17 @@ def channel_ends(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
     return aperture.tx_m, aperture.rx_m
 
 
+def range_cell_m(frequencies_hz: np.ndarray) -> float:
+    """Compute the range resolution c/2B of tones [f], metres, from their bandwidth B."""
+    return SPEED_OF_LIGHT_M_S / 2 / float(np.ptp(frequencies_hz))
+
+
+def range_period_m(frequencies_hz: np.ndarray) -> float:
+    """Compute the range c/2Δf, metres, after which echoes at tones [f] repeat, from the smallest
+    distance Δf of two different tones."""
+    return SPEED_OF_LIGHT_M_S / 2 / float(np.diff(np.unique(frequencies_hz)).min())
+
+
 def array_legs(aperture: Aperture, lengths: Any) -> Any:
     """Split every path into a transmitter's and a receiver's part, as in an array: lengths [t, …]
     and [r, …], of which each sum is a path.

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import minimum_filter
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
@@ -80,7 +80,7 @@ def align(
     reach_m: None for a range cell c/2B, but at most half of the period of evenly spaced tones.
     """
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
-    cell_m = SPEED_OF_LIGHT_M_S / (2 * np.ptp(frequencies_hz))
+    cell_m = range_cell_m(frequencies_hz)
     if reach_m is None:
         reach_m = cell_m * min(1.0, (len(frequencies_hz) - 1) / 2)
     tried_m = np.linspace(-reach_m, reach_m, 1 + 2 * int(np.ceil(STEPS * reach_m / cell_m)))

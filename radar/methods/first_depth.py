@@ -10,7 +10,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, channel_ends
+from handbench.radar.data.arrays import (
+    SPEED_OF_LIGHT_M_S,
+    channel_ends,
+    range_cell_m,
+    range_period_m,
+)
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.methods.fsk_config import FskConfig, TwoToneConfig
 from handbench.support.errors import HandbenchError
@@ -62,8 +67,8 @@ def _by_range_profile(
     index = index[even_subset(len(index), PROFILED)]
     samples = scaled_to_one(samples.reshape(len(tones_hz), -1)[:, index])
     tx_m, rx_m = (place_m[index] for place_m in channel_ends(capture.aperture))
-    cell_m = SPEED_OF_LIGHT_M_S / 2 / np.ptp(waves_hz)
-    end_m = min(SPEED_OF_LIGHT_M_S / 2 / np.diff(np.sort(waves_hz)).min(), FARTHEST_M)
+    cell_m = range_cell_m(waves_hz)
+    end_m = min(range_period_m(waves_hz), FARTHEST_M)
     depths_m = np.arange(NEAREST_M, max(end_m, NEAREST_M + cell_m), cell_m / 4)
     power = np.empty(len(depths_m))
     for i, depth_m in enumerate(depths_m):
@@ -104,7 +109,7 @@ def _by_sharpness(
         a, b = strongest(plane, 1)
         return float(plane.formed_m + depth_step_m(b, a, waves_hz[1] - waves_hz[0])[0])
 
-    period_m = SPEED_OF_LIGHT_M_S / 2 / (waves_hz[1] - waves_hz[0])
+    period_m = range_period_m(waves_hz)
     begun_m = corrected_m(pair.plane(grid, min(period_m / 2, BEGUN_M)))
     depths_m = begun_m + period_m * np.arange(
         np.ceil((NEAREST_M - begun_m) / period_m), MOST_PLANES
