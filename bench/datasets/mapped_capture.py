@@ -2,7 +2,7 @@
 data sets."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
@@ -67,7 +67,7 @@ class MappedCapture(NativeCapture):
         try:
             read = read_arrays(self.folder, names, mapping.file, MAPPING)
             capture = join_arrays([_recording(read, mapping, array).capture() for array in arrays])
-            capture = replace(capture, samples=capture.samples[:frames])
+            capture = capture.first_frames(frames)
             return self._corrected(capture) if calibrated else capture
         except HandbenchError as error:
             message = str(error)

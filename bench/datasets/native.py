@@ -1,7 +1,7 @@
 """Capture folders: handbench's own format for the data of one scene."""
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -108,8 +108,7 @@ class NativeCapture:
         print a line about each.
         """
         folder = require_folder(self.folder, WHAT)
-        echoes = load_capture(folder / ECHOES)
-        echoes = replace(echoes, samples=echoes.samples[:frames])
+        echoes = load_capture(folder / ECHOES).first_frames(frames)
         if not calibrated:
             return echoes
         echoes, message = with_calibration(echoes, folder / ARRAY)

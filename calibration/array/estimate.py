@@ -49,7 +49,7 @@ def estimate_array(
             f"{source}: is a planar scan, which has no antenna array to calibrate; use a capture "
             "of a MIMO array"
         )
-    mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True))
+    mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True), frame_times_s=None)
     samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
     echoes = TargetEchoes(target, capture.frequencies_hz)
     live, raw, begun = prior.initial_states(samples, prior.nominal_state(mean, target), echoes)

@@ -143,7 +143,10 @@ def _polarisation_shift(
     """
     element, delay_m = target.element[number], target.foam_delay_m[number]
     few = replace(
-        capture, samples=capture.samples[:, ::TONES], frequencies_hz=capture.frequencies_hz[::TONES]
+        capture,
+        samples=capture.samples[:, ::TONES],
+        frequencies_hz=capture.frequencies_hz[::TONES],
+        times_s=None,
     )
     columns = _columns(target, number, centre_m, few)[:4]
     along_x = np.array([1.0, 0.0, 0.0])

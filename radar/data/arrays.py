@@ -243,6 +243,19 @@ def tones(name: str, values: ArrayLike) -> np.ndarray:
     return found.astype(np.float64)
 
 
+def times(name: str, values: ArrayLike, count: int) -> np.ndarray:
+    """Return times [count], in seconds and in any order, as float64. Raises HandbenchError for
+    another number of them and for values that are not finite. name: name of the argument, with
+    which the message begins."""
+    found = np.asarray(values)
+    if found.shape != (count,) or found.dtype.kind not in "iuf" or not np.isfinite(found).all():
+        raise HandbenchError(
+            f"{name}: is {found.dtype} of shape {found.shape}; expected {count} finite numbers, "
+            f"the times in seconds of the {count} {'frames' if 'frame' in name else 'tones'}"
+        )
+    return found.astype(np.float64)
+
+
 def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Return positions [n, 3], in metres, as float64. Raises HandbenchError for other shapes, NaN,
     and coordinates beyond FARTHEST_M. name: name of the argument, with which the message begins."""

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, tones
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, times, tones
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.errors import HandbenchError
 
@@ -21,10 +21,12 @@ class RadarCapture:
     are invalid or do not fit together.
 
     samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan; frequencies_hz: [f], in any
-    order; wave_speed_m_s: speed of waves in the medium in front of the antennas; source, licence:
-    origin and licence of the recording; calibration: content of the antennas' `array.json`, not
-    applied yet (`calibration.array.array_file`); sensors: other sensors that recorded the scene, by
-    name, each as a function (pixel grid, frame) → depths z_m [ny, nx], metres.
+    order, perhaps some repeatedly; wave_speed_m_s: speed of waves in the medium in front of the
+    antennas; source, licence: origin and licence of the recording; calibration: content of the
+    antennas' `array.json`, not applied yet (`calibration.array.array_file`); sensors: other sensors
+    that recorded the scene, by name, each as a function (pixel grid, frame) → depths z_m [ny, nx],
+    metres; times_s: [f], when each tone is measured, seconds from the start of its frame;
+    frame_times_s: [frame], when each frame starts, ascending (both None if unknown).
     """
 
     samples: np.ndarray
@@ -37,6 +39,8 @@ class RadarCapture:
     sensors: Mapping[str, Callable[[PixelGrid, int], np.ndarray]] = field(
         default_factory=dict, repr=False
     )
+    times_s: np.ndarray | None = None
+    frame_times_s: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frequencies_hz", tones("frequencies_hz", self.frequencies_hz))
@@ -59,6 +63,15 @@ class RadarCapture:
                 f"samples: have shape {self.samples.shape}; expected [frame, "
                 f"{', '.join(map(str, expected))}] from the numbers of frequencies and antennas"
             )
+        counts = {"times_s": len(self.frequencies_hz), "frame_times_s": len(self.samples)}
+        for name, count in counts.items():
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, times(name, given, count))
+        if self.frame_times_s is not None and (np.diff(self.frame_times_s) <= 0).any():
+            raise HandbenchError(
+                "frame_times_s: are not ascending; put the frames in the order in which they were "
+                "measured"
+            )
         bad = int(np.count_nonzero(~np.isfinite(self.samples)))
         if bad:
             first = tuple(int(i) for i in np.argwhere(~np.isfinite(self.samples))[0])
@@ -67,22 +80,38 @@ class RadarCapture:
                 f"{first}; repair these samples, or leave the capture out"
             )
 
+    def first_frames(self, count: int | None) -> "RadarCapture":
+        """Return the capture with only its first `count` frames (None: all)."""
+        times_s = None if self.frame_times_s is None else self.frame_times_s[:count]
+        return replace(self, samples=self.samples[:count], frame_times_s=times_s)
+
     def tones(self, wanted_hz: ArrayLike, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Return the samples [f, …] of the measured tones nearest to wanted_hz [f], and the
         frequencies [f] of these tones that have the same wavelengths in vacuum, hertz. In a medium
-        with wave speed v they are f·c/v; with them the formulas for vacuum are valid.
+        with wave speed v they are f·c/v; with them the formulas for vacuum are valid. Raises
+        HandbenchError as `tone_index` does."""
+        index = self.tone_index(wanted_hz)
+        return self.samples[frame][index], self.vacuum_hz[index]
+
+    @property
+    def vacuum_hz(self) -> np.ndarray:
+        """The frequencies [f], hertz, that have the tones' wavelengths in vacuum: f·c/v."""
+        return self.frequencies_hz * (SPEED_OF_LIGHT_M_S / self.wave_speed_m_s)
+
+    def tone_index(self, wanted_hz: ArrayLike) -> np.ndarray:
+        """Return the indices [f] of the measured tones nearest to wanted_hz [f]; of a repeated tone
+        it is that of its earliest measurement.
 
         Raises HandbenchError for a tone that is further from every measured one than half their
         median spacing and 1 MHz, and for two tones for which the same measured one is nearest.
         """
         wanted = np.asarray(wanted_hz, np.float64)
-        index = np.abs(self.frequencies_hz[None] - wanted[:, None]).argmin(axis=1)
+        order = slice(None) if self.times_s is None else np.argsort(self.times_s, kind="stable")
+        earliest = np.arange(len(self.frequencies_hz))[order]
+        index = earliest[np.abs(self.frequencies_hz[earliest] - wanted[:, None]).argmin(axis=1)]
         off = np.abs(self.frequencies_hz[index] - wanted)
-        spacing = (
-            np.median(np.diff(np.sort(self.frequencies_hz)))
-            if len(self.frequencies_hz) > 1
-            else 0.0
-        )
+        different = np.unique(self.frequencies_hz)
+        spacing = np.median(np.diff(different)) if len(different) > 1 else 0.0
         worst = int(off.argmax())
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
             low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
@@ -97,9 +126,7 @@ class RadarCapture:
                 f"among the capture's {len(self.frequencies_hz)}; choose tones that are further "
                 "apart"
             )
-        return self.samples[frame][index], self.frequencies_hz[index] * (
-            SPEED_OF_LIGHT_M_S / self.wave_speed_m_s
-        )
+        return index
 
 
 def as_complex64(samples: np.ndarray) -> np.ndarray:

@@ -12,7 +12,14 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
 # fields that only some methods fill in, with their kind of number
-OPTIONAL = {"sigma_m": "f", "wrapped": "b", "p_gross": "f"}
+OPTIONAL = {
+    "sigma_m": "f",
+    "wrapped": "b",
+    "p_gross": "f",
+    "velocity_m_s": "f",
+    "velocity_sigma_m_s": "f",
+}
+LIMIT = "velocity_limit_m_s"
 LONGEST_M = 1e6  # in a depth map; lengths beyond are no metres, and in float32 soon infinite
 FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
 
@@ -28,7 +35,11 @@ class DepthMap:
     wrapped, NaN off target. wrapped, bool: flagged pixels, whose phase may have wrapped (z_m is
     then off by a whole period), whose tones disagree on the depth, or whose depth is the first or
     the last one searched. p_gross: probability that z_m is more than 5 mm from the nearest true
-    surface (`radar.methods.depth_uncertainty`), NaN off target.
+    surface (`radar.methods.depth_uncertainty`), NaN off target. velocity_m_s, velocity_sigma_m_s:
+    radial velocity, positive away from the array, and its standard deviation (1σ), NaN off target.
+
+    velocity_limit_m_s: largest velocity that the measurement can tell, one number; beyond it the
+    velocity is off by a multiple of twice this limit.
     """
 
     x_m: np.ndarray
@@ -40,6 +51,9 @@ class DepthMap:
     sigma_m: np.ndarray | None = None
     wrapped: np.ndarray | None = None
     p_gross: np.ndarray | None = None
+    velocity_m_s: np.ndarray | None = None
+    velocity_sigma_m_s: np.ndarray | None = None
+    velocity_limit_m_s: float | None = None
 
     def trusted(self, most: float) -> "DepthMap":
         """Return the map without unreliable depths: they are NaN where p_gross, the probability of
@@ -86,6 +100,11 @@ class DepthMap:
                     f"the centres of the pixels in metres, in order, at most {LONGEST_M:g} m from "
                     "0"
                 )
+        if (limit := self.velocity_limit_m_s) is not None and not 0 < limit < np.inf:
+            raise HandbenchError(
+                f"{where}: {LIMIT} is {limit:g}; expected a number of metres per second above 0; "
+                "make the file again"
+            )
         for name, values in maps.items():
             wrong, usual = _impossible(name, values, np.isfinite(self.z_m))
             if wrong.any():
@@ -111,6 +130,8 @@ def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.nda
         )
     if name == "amplitude_db":
         return seen & ~(values < np.inf), "numbers where z_m has a depth"
+    if name == "velocity_m_s":
+        return np.isinf(values), "metres per second, or NaN where there is no depth"
     if name == "p_gross":
         return (values < 0) | (values > 1), (
             "probabilities from 0 to 1, or NaN where there is no depth"
@@ -122,7 +143,7 @@ def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map from its .npz file. Raises HandbenchError for a file that is no depth map,
     and for invalid arrays (`DepthMap.checked`)."""
     content: dict[str, Any] = read_npz(
-        path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), tuple(OPTIONAL)
+        path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), (*OPTIONAL, LIMIT)
     )
     try:
         content["config"] = json.loads(str(content["config"]))
@@ -131,7 +152,18 @@ def load_depthmap(path: str | Path) -> DepthMap:
             f"{path}: config is not JSON ({error}), but should be the settings of the method; "
             "make the file again"
         ) from None
+    if LIMIT in content:
+        content[LIMIT] = _one_number(path, content[LIMIT])
     return DepthMap(**content | {"method": str(content["method"])}).checked(path)
+
+
+def _one_number(path: str | Path, values: np.ndarray) -> float:
+    if values.shape != () or values.dtype.kind not in "iuf":
+        raise HandbenchError(
+            f"{path}: {LIMIT} is {values.dtype} of shape {values.shape}; expected one number; make "
+            "the file again"
+        )
+    return float(values)
 
 
 def amplitude_db(amplitude: np.ndarray) -> np.ndarray:

@@ -33,8 +33,9 @@ CONVENTIONS = {"units": ("m, Hz, m/s",), "frame": tuple(FRAMES), "time": ("+jwt"
 OURS = {name: values[0] for name, values in CONVENTIONS.items()}
 ABOUT = {"wave_speed_m_s": float, "source": str, "licence": str}
 CALIBRATION = "array.json"  # name of the data set that holds the bytes of such a file
-SCAN = ("samples", "frequencies_hz", "position_m", "gains")
-ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", "gains", "pairs", CALIBRATION)
+TIMES = ("times_s", "frame_times_s")
+SCAN = ("samples", "frequencies_hz", "position_m", *TIMES, "gains")
+ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", *TIMES, "gains", "pairs", CALIBRATION)
 NEEDED = {  # data sets without which a file cannot be read, with their shapes
     "samples": "[frame, frequency, tx, rx]",
     "frequencies_hz": "[frequency], hertz",
@@ -80,12 +81,14 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
     if capture.calibration is not None:
         data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)
     data |= {"samples": samples, "frequencies_hz": capture.frequencies_hz}
+    data |= {name: times_s for name in TIMES if (times_s := getattr(capture, name)) is not None}
     further = {
         name: getattr(capture, name)
         for name in ABOUT
         if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)
     }
-    return data, OURS | further if further or {"pairs", CALIBRATION} & data.keys() else {}
+    beyond_version_1 = further or {"pairs", CALIBRATION, *TIMES} & data.keys()
+    return data, OURS | further if beyond_version_1 else {}
 
 
 def load_capture(path: str | Path) -> RadarCapture:
@@ -118,7 +121,7 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
     lacks = [f"data set '{n}' {NEEDED[n]}" for n in known if n in NEEDED and n not in there]
     if version == 1:
         _require_complete(file, lacks)
-        there = set(known[:-1] if known is SCAN else known[:-3])
+        there -= {"gains", "pairs", CALIBRATION}
     else:
         attributes = {name: attribute(file, name) for name in file.attrs}
         lacks += [
@@ -138,6 +141,7 @@ def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
         if name.endswith("_m")
     }
     about = {name: kind(attributes[name]) for name, kind in ABOUT.items() if name in attributes}
+    about |= {name: values[name] for name in TIMES if name in values}
     if (content := values.get(CALIBRATION)) is not None:
         if content.dtype != np.uint8 or content.size > JSON_BYTES:
             raise ValueError(

@@ -236,6 +236,9 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
             {},
             r"samples: have shape \(2, 5, 3, 4\); expected \[frame, sweep, 5, 3, 4\]",
         ),
+        ({}, {"times_s": np.zeros(4)}, r"times_s: is float64 of shape \(4,\); expected 5 finite"),
+        ({}, {"times_s": np.full(5, np.nan)}, "times_s: .*expected 5 finite numbers"),
+        ({}, {"frame_times_s": np.zeros(2)}, "frame_times_s: are not ascending"),
         ({"wave_speed_m_s": "fast"}, {}, "expected one number"),
         ({"wave_speed_m_s": np.nan}, {}, "wave_speed_m_s: is"),
         (
@@ -257,7 +260,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         (
             {},
             {"position_m": TX_M},
-            "unknown item 'rx_m'; known: frequencies_hz, gains, position_m, samples",
+            "unknown item 'rx_m'; known: frame_times_s, frequencies_hz, gains, position_m, samples",
         ),
         ({}, {"array.json": np.frombuffer(b"{", np.uint8)}, "not a readable echoes.h5"),
     ],
@@ -276,3 +279,19 @@ def test_texts_of_fixed_length_are_texts(tmp_path):
         "licence": np.bytes_("CC0-1.0")
     }
     assert loaded(tmp_path, fixed | {"version": np.float64(2)}).licence == "CC0-1.0"
+
+
+@pytest.mark.parametrize("version", (1, 2))
+def test_times_of_tones_and_frames_are_kept_and_a_repeated_tone_is_its_earliest(tmp_path, version):
+    hz = np.array([79.5e9, 82e9, 81.8e9, 82e9, 81.0e9])
+    times_s, frame_times_s = np.array([2e-3, 3e-3, 1e-3, 0.0, 4e-3]), np.array([0.0, 0.1])
+    written_ = {"frequencies_hz": hz, "times_s": times_s, "frame_times_s": frame_times_s}
+    first = loaded(tmp_path, version=version, **written_)
+    save_capture(tmp_path / "again.h5", first)
+    for capture in (first, load_capture(tmp_path / "again.h5")):
+        np.testing.assert_array_equal(capture.times_s, times_s)
+        np.testing.assert_array_equal(capture.frame_times_s, frame_times_s)
+        np.testing.assert_array_equal(capture.tone_index([82e9, 79.5e9]), [3, 0])
+        np.testing.assert_array_equal(capture.first_frames(1).frame_times_s, [0.0])
+    without = loaded(tmp_path, frequencies_hz=hz, version=version)
+    assert without.times_s is None and without.tone_index([82e9])[0] == 1
