@@ -20,6 +20,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.advice import motion_notes, requested_tones_hz
 from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
@@ -65,6 +66,8 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     compile_kernels()
     yield from recorded.warnings()
     surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
+    if imaged is not None and (asked := requested_tones_hz(imaged[1])) is not None:
+        yield from motion_notes(imaged[0], capture, asked)
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
         return  # the image is on its surface: no further check

@@ -9,15 +9,20 @@ from typing import Any
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import Axis
+from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.methods.doppler import Repetition, shift_s
 from handbench.radar.methods.first_depth import first_depth_m
 from handbench.radar.methods.fsk_config import AnyConfig
 from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
+EXAMPLE_M_S = 0.1  # of a slow gesture
+SHOWN_M = 2e-4  # a shift by motion that is worth a sentence
+PROBED = 400  # pixels whose velocity is measured for it
+NEAR_LIMIT, MANY = 0.8, 0.01  # of the unambiguous velocity; share of pixels
 CLIMB = 12.5  # ratio of the reaches of two successive rungs: 200 MHz to 2.5 GHz in the paper
 # settings of one tone each, the close pair first
 TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")
@@ -31,12 +36,15 @@ def requested_tones_hz(config: Config) -> np.ndarray | None:
 
 
 def require_tones(capture: RadarCapture, config: Config) -> None:
-    """Raise HandbenchError for a capture without the tones that a method's configuration requests.
-    If the method could use the capture's tones with other settings, the message names these."""
+    """Raise HandbenchError for a capture without the tones that a method's configuration requests,
+    or, if it asks for velocities, without one that is measured twice. If the method could use the
+    capture's tones with other settings, the message names these."""
     if (asked := requested_tones_hz(config)) is None:
         return
     try:
         capture.tones(asked)
+        if getattr(config, "doppler", False):
+            Repetition.of(capture, asked)
     except HandbenchError as error:
         suited_to = matching_settings(
             np.unique(capture.frequencies_hz)[::-1], type(config).model_fields
@@ -71,12 +79,14 @@ def matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, 
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
-    """Yield sentences for the user on what limits the depth map of a capture's frame: ambiguous
-    depths, echoes at an end of the depth box, low range resolution, or a short unambiguous range.
-    config: configuration of the method that made the map."""
+    """Yield sentences for the user on what limits the depth map of a capture's frame: motion while
+    the tones are measured, ambiguous depths, echoes at an end of the depth box, low range
+    resolution, or a short unambiguous range. config: configuration of the method that made the
+    map."""
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
+    yield from motion_notes(depth, capture, asked, frame)
     steps_hz = np.diff(np.sort(capture.tones(asked)[1]))
     cell_mm, period_mm = (
         500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min())
@@ -131,4 +141,55 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
         yield (
             f"{limit}, so echoes repeat inside the box; narrow the box with {set_box}, or use "
             "more tones"
+        )
+
+
+def motion_notes(
+    depth: DepthMap, capture: RadarCapture, tones_hz: np.ndarray, frame: int = 0
+) -> Iterator[str]:
+    """Yield a sentence for the user if motion between the tones shifts the depths of a map, or may
+    do so; of a map with velocities, if these come near the largest one that is unambiguous.
+
+    tones_hz [f]: those of the method that made the map. Nothing is known of captures without times.
+    """
+    from handbench.radar.imaging.api import image_points  # numba, which most callers do not need
+
+    seen = np.isfinite(depth.z_m)
+    if capture.times_s is None or not seen.any():
+        return
+    if depth.velocity_m_s is not None:
+        limit_m_s = depth.velocity_limit_m_s or np.inf
+        near = np.abs(depth.velocity_m_s[seen]) > NEAR_LIMIT * limit_m_s
+        if near.mean() > MANY:
+            yield (
+                f"the velocities of {100 * near.mean():.0f} % of the pixels come near the limit of "
+                f"{limit_m_s:.2g} m/s, beyond which they repeat, and depths may be wrong there; "
+                "measure the repeated tone after a shorter time"
+            )
+        return
+    index = capture.tone_index(tones_hz)
+    shift_m_s = abs(shift_s(capture.vacuum_hz[index], capture.times_s[index]))
+    try:
+        repetition = Repetition.of(capture, tones_hz)
+    except HandbenchError:
+        if shift_m_s * EXAMPLE_M_S > SHOWN_M:
+            yield (
+                f"a radial velocity of {EXAMPLE_M_S:g} m/s would shift the depths of "
+                f"{depth.method} by {1e3 * EXAMPLE_M_S * shift_m_s:.2g} mm, and no tone is "
+                "measured twice to show it; if the target moves, measure the first tone again "
+                "after the last, and use a method that ends in -doppler"
+            )
+        return
+    some = np.flatnonzero(seen)
+    some = some[even_subset(len(some), PROBED)]
+    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(some, depth.z_m.ravel()[some])
+    hz = np.full(2, repetition.frequency_hz)
+    samples = scaled_to_one(capture.samples[frame][repetition.measured])
+    first, last = image_points(samples, hz, capture.aperture, points_m, None, apart=True)
+    speed_m_s = float(np.median(np.abs(repetition.velocity_m_s(last * np.conj(first)))))
+    if speed_m_s * shift_m_s > SHOWN_M:
+        yield (
+            f"the target moves: its radial velocity of {speed_m_s:.2g} m/s (median of the "
+            f"pixels) shifts the depths of {depth.method} by about "
+            f"{1e3 * speed_m_s * shift_m_s:.2g} mm; use a method that ends in -doppler"
         )

@@ -172,7 +172,7 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         rise = (
             path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
         )
-        found = align(step.images, tones.frequencies_hz, rise, reach_m)
+        found = align(step.still, tones.frequencies_hz, rise, reach_m)
         z_m, sigma_m = (
             step.on_map(values_m) for values_m in (points_m[:, 2] + found.shift_m, found.sigma_m)
         )

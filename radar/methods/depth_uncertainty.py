@@ -216,6 +216,9 @@ class Uncertainty:
             sigma_m = np.fmax(
                 sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px)
             )
+        if step.tones.repetition is not None:
+            velocity_m_s = whole.placed(step.grid, velocity_sigma_m_s(step, self.config))
+            depth = replace(depth, velocity_sigma_m_s=velocity_m_s)
         flags = whole.placed(step.grid, self.wrapped, elsewhere=False)
         return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
 
@@ -268,7 +271,25 @@ def quadrature_m(step: FskStep) -> np.ndarray:
     """Compute the depth error, metres, that the amplitude differences between the tones of an
     imaging step show at each pixel (`quadrature_step_m`): [ny, nx], averaged over tones and scaled
     like the step's depth correction."""
-    return step.on_map(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
+    images = step.images
+    if (repetition := step.tones.repetition) is not None and step.again is not None:
+        images = repetition.amplitudes(images, step.again)
+    return step.on_map(step.of_pairs(quadrature_step_m, images).mean(axis=0) * step.factor)
+
+
+def velocity_sigma_m_s(step: FskStep, config: FskConfig) -> np.ndarray:
+    """Predict the standard deviation (1σ) of the velocities of an imaging step [ny, nx], m/s, from
+    the amplitude difference of the tone that is measured twice, and from how far the velocities of
+    single pixels deviate from those of their neighbours."""
+    repetition, again = step.tones.repetition, step.again
+    assert repetition is not None and again is not None
+    filter_px = getattr(config, "fine_filter_px", 1)
+    first, last = np.abs(again).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        ratio = 2 * (last - first) / (last + first)
+    noise_m_s = step.filtered(step.on_map(ratio / np.pi * repetition.limit_m_s), filter_px)
+    noise_m_s = spread_m(noise_m_s, step.amplitude, config.spread_px)
+    return noise_m_s
 
 
 def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
@@ -408,6 +429,7 @@ def _of_tones(
     images = image_points(
         scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
     )
+    images = _at_rest(images, depth, capture, tones_hz[some], index)
     magnitude, apart_hz = np.abs(images).astype(np.float64), np.abs(f - f[0])
     power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
     close, far = np.argsort(apart_hz)[[min(1, len(f) - 1), -1]]
@@ -427,6 +449,24 @@ def _of_tones(
     return {name: _log(step_m / GROSS_M) for name, step_m in steps_m.items()} | {
         "incoherence": _log(1 - coherence)
     }
+
+
+def _at_rest(
+    images: np.ndarray,
+    depth: DepthMap,
+    capture: RadarCapture,
+    tones_hz: np.ndarray,
+    index: np.ndarray,
+) -> np.ndarray:
+    """Take the phase −4πfvt/c of the depth map's velocities v off the images [f, n] of its pixels
+    with flat indices index [n]. Without velocities or times, the images are returned unchanged."""
+    if depth.velocity_m_s is None or capture.times_s is None:
+        return images
+    measured = capture.tone_index(tones_hz)
+    after_s = capture.times_s[measured] - capture.times_s.min()
+    turns_s_m = 2 * capture.vacuum_hz[measured] * after_s / SPEED_OF_LIGHT_M_S
+    velocity_m_s = np.nan_to_num(depth.velocity_m_s.ravel()[index])
+    return np.asarray(images * np.exp(2j * np.pi * turns_s_m[:, None] * velocity_m_s))
 
 
 def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:

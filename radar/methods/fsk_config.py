@@ -67,6 +67,9 @@ class FskConfig(PixelsConfig):
     off_axis: bool = Field(
         default=False, description="use the path's true derivative along z instead of 2"
     )
+    doppler: bool = Field(
+        default=False, description="a tone measured twice gives velocities; their phase is removed"
+    )
     tolerance: float | None = Field(
         default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact"
     )

@@ -43,12 +43,7 @@ def prior_two_tone(capture: RadarCapture, config: PriorConfig, frame: int = 0) -
     grid, first_m = _first_depths(tones, config, capture, frame)
     step = tones.surface(grid, first_m)
     seen = step.at(amplitude_db(step.amplitude)) >= config.threshold_db
-    step = replace(
-        step,
-        index=step.index[seen],
-        formed_m=first_m.ravel()[step.index[seen]],
-        images=step.images[:, seen],
-    )
+    step = step.where(seen)
     placed = functools.partial(whole.placed, grid)
     db, half_period_m = amplitude_db(placed(step.amplitude, 0.0)), tones.period_m / 2
     sigma_m = spread_m(quadrature_m(step), step.amplitude, config.spread_px)

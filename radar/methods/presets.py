@@ -139,6 +139,18 @@ _preset(
 _preset(
     _fsk, "nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn"
 )
+for _id, _config, _of in (
+    ("2fsk", TwoToneConfig, "2-FSK"),
+    ("3fsk", ThreeToneConfig, "3-FSK"),
+    ("nfsk", LadderConfig, "the ladder"),
+):
+    _preset(
+        _fsk,
+        f"{_id}-doppler",
+        _config,
+        f"{_of} of a moving target, whose velocity a tone measured twice gives",
+        doppler=True,
+    )
 _preset(_fsk, "nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset(
     _mip,

@@ -1,0 +1,106 @@
+"""Radial velocity from a tone that is measured twice in a frame, and images without the motion's
+phase.
+
+While the tones are measured one after another, a surface at depth z moves with the radial velocity
+v. Tone i, measured at time t_i, has the phase −4πf_i(z + v t_i)/c, so that a depth step between two
+tones is wrong by f_b v (t_b − t_a)/(f_b − f_a): 410 times the motion for tones 200 MHz apart. The
+tone f_k, measured again after T, turns by
+
+    φ = arg(O_k(T) conj(O_k(0))) = −4πf_k v T/c,    so    v = −cφ/(4πf_k T),
+
+unambiguous within ±c/(4f_k T), and the motion's phase of tone i is φ f_i t_i/(f_k T). It is taken
+off every image, pixel by pixel, before any depth step. Depths are then those at the time of the
+frame's first tone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture
+from handbench.support.caller import settings
+from handbench.support.errors import HandbenchError
+
+SAME = 1e-9  # relative difference of two frequencies that are one tone
+
+
+def shift_s(frequencies_hz: np.ndarray, times_s: np.ndarray) -> float:
+    """Compute by how much motion shifts the depth from tones frequencies_hz [f], measured at
+    times_s [f]: metres per m/s of radial velocity.
+
+    It is the slope of f t over f, by least squares; for two tones it is f_b (t_b − t_a)/(f_b − f_a)
+    + t_a.
+    """
+    from_mean_hz = frequencies_hz - frequencies_hz.mean()
+    turns = frequencies_hz * (times_s - times_s.min())
+    return float(from_mean_hz @ turns / (from_mean_hz @ from_mean_hz))
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """A tone that is measured twice in a frame.
+
+    tone: its index among the method's tones; measured [2]: indices of its first and its last
+    measurement among the capture's tones; frequency_hz; interval_s: time T between both. share [f]:
+    f_i t_i/(f_k T) of the method's tones, the motion's phase of each tone at its time t_i relative
+    to that of the repeated tone after T.
+    """
+
+    tone: int
+    measured: np.ndarray
+    frequency_hz: float
+    interval_s: float
+    share: np.ndarray
+
+    @classmethod
+    def of(cls, capture: RadarCapture, wanted_hz: np.ndarray) -> Repetition:
+        """Find the first of a method's tones wanted_hz [f] that a capture has measured more than
+        once. Raises HandbenchError if the capture has no times, or no such tone."""
+        index, times_s = capture.tone_index(wanted_hz), capture.times_s
+        without = f"or use the method with {settings({'doppler': False})}"
+        if times_s is None:
+            raise HandbenchError(
+                "times_s: are missing, but a velocity needs the time of every tone; add times_s "
+                f"[frequency] in seconds to the echoes, {without}"
+            )
+        for tone, first in enumerate(index):
+            same = np.isclose(capture.frequencies_hz, capture.frequencies_hz[first], SAME, 0)
+            last = int(np.where(same, times_s, -np.inf).argmax())
+            if (interval_s := float(times_s[last] - times_s[first])) > 0:
+                f, f_k = capture.vacuum_hz[index], float(capture.vacuum_hz[first])
+                share = f * (times_s[index] - times_s.min()) / (f_k * interval_s)
+                return cls(tone, np.array([first, last]), f_k, interval_s, share)
+        tones_ghz = ", ".join(f"{hz / 1e9:.4g}" for hz in capture.frequencies_hz[index])
+        raise HandbenchError(
+            f"frequencies: none of the method's tones ({tones_ghz} GHz) is measured at two times "
+            f"of a frame, which a velocity needs; measure the first tone again after the last, "
+            f"{without}"
+        )
+
+    @property
+    def limit_m_s(self) -> float:
+        """The largest velocity that is unambiguous, c/(4fT), m/s."""
+        return float(SPEED_OF_LIGHT_M_S / (4 * self.frequency_hz * self.interval_s))
+
+    def velocity_m_s(self, turned: np.ndarray) -> np.ndarray:
+        """Compute radial velocities v = −cφ/(4πfT), m/s, positive away from the array, from
+        O(T) conj(O(0)) of the repeated tone, of any shape."""
+        return -np.angle(turned) / np.pi * self.limit_m_s
+
+    def at_rest(self, images: np.ndarray, again: np.ndarray) -> np.ndarray:
+        """Take the motion's phase off images [f, n] of the method's first f tones. again [2, n]:
+        the images of the repeated tone."""
+        phase = np.angle(again[1].astype(np.complex128) * np.conj(again[0]))
+        share = self.share[: len(images), None]
+        return (images * np.exp(-1j * share * phase)).astype(images.dtype)
+
+    def amplitudes(self, images: np.ndarray, again: np.ndarray) -> np.ndarray:
+        """Combine the amplitudes of images [f, n] with those of the repeated tone as `at_rest`
+        combines phases. Noise that turns an image's phase changes its amplitude as much, so the
+        result shows the errors that the repeated tone adds."""
+        tiny = np.finfo(np.float64).tiny
+        first, last = np.maximum(np.abs(again.astype(np.complex128)), tiny)
+        return np.asarray(np.abs(images) * (last / first) ** -self.share[: len(images), None])
