@@ -12,7 +12,7 @@ from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.known_effects import check_names
 from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
-from handbench.support.config import Config, Name, Near, Tone, suggest
+from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.pictures import LARGEST_PX
 
@@ -348,6 +348,15 @@ class SceneFile(Config):
             )
         return self
 
+    def varied(self, changes: dict[str, Any], suffix: str) -> "SceneFile":
+        """Return the scene with other values, and with the suffix added to its name.
+
+        changes: as the content of a scene file, with only the keys that change. Raises
+        HandbenchError for an unknown key or a wrong value."""
+        values = _replaced(self.model_dump(mode="json", exclude_unset=True), changes)
+        name = f"{self.name}-{suffix}"
+        return parse(SceneFile, values | {"name": name}, f"scene '{name}'")
+
     def of_person(self, number: int) -> "SceneFile":
         """Return the scene with the hand of the person `number`, held as that person holds it, with
         a name and a seed of its own. Raises HandbenchError if the target is not a hand."""
@@ -381,6 +390,16 @@ class SceneFile(Config):
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
+
+
+def _replaced(values: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested values with those of `changes` in their place."""
+    return values | {
+        key: _replaced(values[key], new)
+        if isinstance(new, dict) and isinstance(values.get(key), dict)
+        else new
+        for key, new in changes.items()
+    }
 
 
 def name_of_person(scene: str, number: int) -> str:
