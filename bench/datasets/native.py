@@ -25,6 +25,7 @@ from handbench.support.progress import say
 WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
+TRUTHS = "truth"  # folder with the true surface at the start of each frame, NNN.ply
 ARRAY = "array.json"  # calibration of the antennas
 CORRECTIONS = "corrections.json"  # of the instrument, from the capture's own echoes
 EMPTY = "empty.h5"  # the room without the target
@@ -138,6 +139,21 @@ class NativeCapture:
     def truth(self) -> Path | None:
         """The file of the true surface in the radar frame, metres; None if it is unknown."""
         return self._lying(TRUTH)
+
+    def truths(self, frames: int) -> tuple[Path, ...]:
+        """Return the files of the true surface in the radar frame at the start of each frame; () if
+        the capture has none, because one surface is valid for all frames.
+
+        frames: how many are needed. Raises HandbenchError if there are fewer."""
+        if not (self.folder / TRUTHS).is_dir():
+            return ()
+        files = tuple(self.folder / TRUTHS / f"{frame:03d}.ply" for frame in range(frames))
+        if missing := [file.name for file in files if not file.is_file()]:
+            raise HandbenchError(
+                f"{self.folder / TRUTHS}: {missing[0]} is missing, but the capture has {frames} "
+                "frames; expected a true surface for each of them; make the capture again"
+            )
+        return files
 
     def transform(self) -> Transform | None:
         """Read the transform from the photo frame to the radar frame; None if the capture has

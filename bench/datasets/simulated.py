@@ -1,7 +1,8 @@
 """Simulation of scenes into capture folders, with echoes, photographs, cameras, board, true surface
 and description."""
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,12 @@ from handbench.bench.datasets.native import (
     TRUTH,
 )
 from handbench.bench.scenes.build import Scene
-from handbench.bench.scenes.echoes import echo_scene, echoes
+from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
 from handbench.bench.scenes.photographs import Studio, photo_effects
 from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
 from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
-from handbench.groundtruth.mesh.mesh_files import write_mesh
+from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.effects.dielectric import unsimulated_echo
 from handbench.radar.simulation.known_effects import Choice
@@ -33,10 +34,14 @@ from handbench.support.parallel import for_each
 from handbench.support.progress import say
 
 JPEG_QUALITY = 96
+TRUTHS = "truth"  # folder of the true surfaces of a moving target
 # names of the files of a simulated capture
-WRITTEN = (TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET) + tuple(
-    f"{PHOTOS}/{name}"
-    for name in ("cam[0-9][0-9]*.jpg", "cameras.json", "truth_cameras.json", "board.toml")
+WRITTEN = (
+    *(TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET, f"{TRUTHS}/[0-9]*.ply"),
+    *(
+        f"{PHOTOS}/{name}"
+        for name in ("cam[0-9][0-9]*.jpg", "cameras.json", "truth_cameras.json", "board.toml")
+    ),
 )
 
 
@@ -44,8 +49,8 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     """Simulate a scene into a capture folder, which appears complete or not at all.
 
     The folder receives the echoes of `frames` frames, those of the empty room if the scene asks for
-    them, photographs, true surface and description. Returns one row for each effect: whether it was
-    simulated, and why.
+    them, photographs, true surface (of a moving target: that of each frame's start, with
+    velocities) and description. Returns one row for each effect: whether it was simulated, and why.
     """
     compile_kernels(load=False)
     with atomic_folder(folder) as temporary:
@@ -58,22 +63,35 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)
         say(f"{scene.file.name}: {len(scene.cameras)} photographs")
-        return write_photos(scene, temporary, simulated.rows)
+        moves = any(row.effect == "motion" and row.on for row in simulated.rows)
+        moving = surfaces(scene, radar_scene, frames) if moves else ()
+        return write_photos(scene, temporary, simulated.rows, moving)
 
 
 def write_photos(
-    scene: Scene, folder: str | Path, rows: tuple[Choice, ...] = ()
+    scene: Scene,
+    folder: str | Path,
+    rows: tuple[Choice, ...] = (),
+    moving: Iterable[tuple[np.ndarray, np.ndarray]] = (),
 ) -> tuple[Choice, ...]:
     """Write a scene's photographs and all other files of its capture folder, except the echoes.
 
     The files are `photos/` (if the scene has cameras), `truth.ply` (true surface in the radar
     frame, metres), `truth_radar_from_photo.json`, `target.toml` for a calibration target, and
-    `capture.toml`. rows: the effects in the echoes. Returns these rows, followed by those of the
-    photographs.
+    `capture.toml`. rows: the effects in the echoes. moving: of a moving target, the vertices and
+    their velocities at the start of each frame (see `surfaces`), which are written to
+    `truth/000.ply` and so on. Returns the rows, followed by those of the photographs.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_mesh(folder / TRUTH, scene.target_mesh)
+    for frame, (vertices_m, velocity_m_s) in enumerate(moving):
+        file = folder / TRUTHS / f"{frame:03}.ply"
+        file.parent.mkdir(exist_ok=True)
+        faces = np.asarray(scene.target_mesh.triangles)
+        write_moving_mesh(file, vertices_m, velocity_m_s, faces)
+        if frame == 0:
+            shutil.copyfile(file, folder / TRUTH)
     scene.radar_from_photo.save(folder / TRUE_TRANSFORM)
     if scene.target is not None:
         write_text(folder / TARGET, tomlkit.dumps(scene.target.model_dump()))

@@ -15,6 +15,7 @@ from handbench.bench.evaluation.intervals import (
 from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, mean_figures, precision
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
 from handbench.bench.evaluation.tables import TABLE, frame
+from handbench.bench.evaluation.velocity_errors import VELOCITY
 
 Intervals = dict[str, Interval | None]
 
@@ -30,9 +31,13 @@ def accuracy_rows(
     captures: one line for each capture, one column for each metric, and a column `floor_mm` if the
     ground-truth floor is known. protocol: which metrics are shown. floor: interval of the
     ground-truth floor."""
-    intervals: Intervals = {key: figure_interval(key, captures[key].to_numpy()) for key in AVERAGED}
+    velocity = [key for key in VELOCITY if key in captures and captures[key].notna().any()]
+    intervals: Intervals = {
+        key: figure_interval(key, captures[key].to_numpy()) for key in (*AVERAGED, *velocity)
+    }
     values = {"floor_mm": None} | mean_figures(captures)
-    known = {key: value for key, value in values.items() if key in protocol.metrics}
+    without = set(VELOCITY) - set(velocity)  # a method without velocities has no such lines
+    known = {k: value for k, value in values.items() if k in set(protocol.metrics) - without}
     return _rows(method, reference, known, intervals | {"floor_mm": floor})
 
 

@@ -106,7 +106,7 @@ COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
 DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
 SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
-RANKING = SCHEMAS["ranking"]
+RANKING, MOTION = SCHEMAS["ranking"], SCHEMAS["motion"]
 
 
 def frame(

@@ -12,6 +12,7 @@ from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.floor import floor_mm
 from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
+from handbench.bench.evaluation.velocity_errors import velocity_figures
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
@@ -43,7 +44,9 @@ def score(
     map.
     """
     errors = pixel_errors(depth, reference, protocol, recorded)
-    return Scores(errors, pool([errors]) | {"floor_mm": floor_mm([errors], [reference])})
+    figures = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+    scored = np.isfinite(errors.error_m)
+    return Scores(errors, figures | velocity_figures(depth, scored, reference))
 
 
 def pixel_errors(
@@ -107,10 +110,15 @@ def reference_of_file(
     radar: a `Reference`.
 
     radar_from_mesh: transform from the mesh's frame to the radar frame. exact: True if surface and
-    transform have no error, as in a simulation.
+    transform have no error, as in a simulation, whose surface is at rest if it has no velocities.
     """
     surface = read_reference_surface(mesh_file)
     if exact:
-        surface = replace(surface, sigma_m=np.zeros(len(surface.vertices_m)))
+        v_m_s, at_rest = surface.velocity_m_s, np.zeros(surface.vertices_m.shape)
+        surface = replace(
+            surface,
+            sigma_m=np.zeros(len(surface.vertices_m)),
+            velocity_m_s=at_rest if v_m_s is None else v_m_s,
+        )
         radar_from_mesh = replace(radar_from_mesh, covariance=np.zeros((6, 6)))
     return reference_of_surface(surface, radar_from_mesh, grid)

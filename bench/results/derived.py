@@ -26,6 +26,7 @@ from handbench.bench.evaluation.tables import (
     COMPARISONS,
     CURVES,
     EQUAL,
+    MOTION,
     RELIABILITY,
     REPEATS,
     SCORES,
@@ -49,6 +50,9 @@ EQUAL_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated m
 COMPARED = (HEADLINE, "observed_percent")
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
 STRONGEST = "strongest_z_m"
+# of moving scenes in the table of scores: mean |radial velocity| of the surface, mm/s; time from
+# one tone to the next, s; start of a frame, s
+SPEED, STEP, START = "speed_mm_s", "step_time_s", "start_s"
 
 
 def repeats(result: Result) -> pd.DataFrame:
@@ -110,6 +114,24 @@ def few_pixels_text(methods: Sequence[str]) -> str:
     ones; "" for no methods."""
     few = f"fewer than {FEWEST_PERCENT:g} % of the surface of a capture"
     return f"not compared on common pixels: {', '.join(methods)} ({few})" if methods else ""
+
+
+def motion(result: Result) -> pd.DataFrame:
+    """Compute the table MOTION: the figures of every method on every capture whose true velocity is
+    known. Empty if none of them moves."""
+    lines = result.scores[(result.scores.reference == "truth") & (result.scores.frame == 0)]
+    of_capture = {name: lines[lines.metric == name] for name in (SPEED, STEP)}
+    known = {name: dict(zip(of.capture, of.value, strict=True)) for name, of in of_capture.items()}
+    if not any(known[SPEED].values()):
+        return frame(MOTION)
+    figures = MOTION.names[4:]
+    rows = [
+        (capture, method, speed_mm_s, known[STEP].get(capture), *of.loc[capture])
+        for method, own in by_method(result.scores, "truth").items()
+        for of in [own.reindex(known[SPEED], columns=figures)]
+        for capture, speed_mm_s in known[SPEED].items()
+    ]
+    return frame(MOTION, rows)
 
 
 def equal(result: Result) -> pd.DataFrame:

@@ -57,8 +57,9 @@ class Result:
 
     about: content of result.json. table: the main table; tasks: one line for each stage of the run.
     config: text of config.toml. files: further tables for which the folder has files. The
-    properties scores, curves, repeats, comparisons, equal, causes and reliability are tables too,
-    computed if there is no file. `bench.evaluation.tables` declares the columns of all tables.
+    properties scores, curves, repeats, comparisons, equal, causes, motion and reliability are
+    tables too, computed if there is no file. `bench.evaluation.tables` declares the columns of all
+    tables.
     """
 
     folder: Path
@@ -80,6 +81,7 @@ class Result:
     equal = _derived("equal")
     comparisons = _derived("comparisons")
     causes = _derived("causes")
+    motion = _derived("motion")
     reliability = _derived("reliability")
 
     def row(self, metric: str, method: str, reference: str) -> Any:

@@ -61,10 +61,27 @@ class Source(Origin):
     measures: "accuracy" compares the depth map of the first frame with a reference; "precision" is
     the scatter of the depths over the benchmark's `repeats` frames and needs neither reference nor
     photographs. persons: numbers of simulated people; the scene becomes one capture for each
-    person, with that person's hand and placement."""
+    person, with that person's hand and placement. set: values that replace those of the scene file,
+    as {"target": {"motion": {"velocity_m_s": 0.1}}}; suffix: added to the scene's name for this
+    capture."""
 
     measures: Measures = MEASURES
     persons: Persons | None = None
+    set: dict[str, Any] = Field(default_factory=dict)
+    suffix: Name | None = None
+
+    @model_validator(mode="after")
+    def _set_of_a_scene(self) -> "Source":
+        if (self.set or self.suffix) and self.scene is None:
+            raise ValueError(
+                'set or suffix is given without a scene; give scene = "FILE.toml" instead of path'
+            )
+        if self.set and self.suffix is None:
+            raise ValueError(
+                'set is given without suffix; give suffix = "NAME", which tells this capture from '
+                "others of the scene"
+            )
+        return self
 
     @model_validator(mode="after")
     def _persons_of_a_scene(self) -> "Source":

@@ -77,10 +77,12 @@ def content_key(root: Path, stage: Stage) -> str:
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
     """Read the scene of a benchmark's capture, and apply the changes that the benchmark makes to
-    it: person, phase noise, no photographs. Returns the scene and its file.
+    it: `set`, person, phase noise, no photographs. Returns the scene and its file.
     base: folder to which the benchmark's paths are relative."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
+    if isinstance(source, Source) and source.suffix:
+        scene = scene.varied(source.set, source.suffix)
     if isinstance(source, Source) and source.persons:
         scene = scene.of_person(*source.persons)
     if bench.phase_noise_rad is not None:

@@ -2,7 +2,7 @@
 time."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,14 +14,17 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.treatments import OPEN_DB, SMOOTHING, TreatedDepths
 from handbench.bench.pipeline.image import configuration, prepare
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
 from handbench.radar.methods.registry import Reconstruction, method
 from handbench.support.config import Config
 from handbench.support.cost import others
-from handbench.support.files import read_npz, write_json, write_npz
+from handbench.support.files import read_json, read_npz, write_json, write_npz
+from handbench.support.limits import KEPT_BYTES
 
 DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
+VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
 # of a median time: how near its interval shall be, and for how long that is tried
 SETTLED, SETTLE_S = (0.05, 0.5)
@@ -38,7 +41,8 @@ def reconstruct(
 ) -> None:
     """Image a capture by one method, measure the time, and write the results into a stage's folder.
     It writes the depth map of frame 0 with its uncertainty (depth.npz), the depths of all frames if
-    there are several (frames.npz), and the times (timing.json). Unless imaging takes long, it also
+    there are several (frames.npz, with the radial velocities if the method has them), and the times
+    (timing.json). Unless imaging takes long, it also
     writes the maps of frame 0 under equal treatment, with the same smoothing for all methods
     (treated.npz).
     capture: its folder; config: complete settings of the method; device: name of the device that
@@ -63,9 +67,45 @@ def reconstruct(
     # whose time is none of the method's
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
-        write_npz(folder / FRAMES, z_m=np.stack([depth.z_m for depth in depths]).astype(np.float32))
+        write_frames(folder, depths)
     times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
-    write_json(folder / TIMING, times | {"image_error": found.image_error})
+    measured = measuring_times(imager.task.echoes)
+    write_json(folder / TIMING, times | {"image_error": found.image_error} | measured)
+
+
+def write_frames(folder: Path, depths: Sequence[DepthMap]) -> None:
+    """Write the depths of all frames to frames.npz, and their radial velocities if all have
+    them."""
+    maps = {"z_m": [depth.z_m for depth in depths]}
+    velocities_m_s = [depth.velocity_m_s for depth in depths]
+    maps |= {} if any(each is None for each in velocities_m_s) else {VELOCITY: velocities_m_s}
+    write_npz(folder / FRAMES, **{name: np.stack(m).astype(np.float32) for name, m in maps.items()})
+
+
+def read_frames(folder: Path, first: DepthMap) -> list[DepthMap]:
+    """Read the depth maps of all frames from the folder of an imaging stage, with depths and
+    velocities only; [] if it has a single one. first: the depth map of the first frame."""
+    if not (folder / FRAMES).exists():
+        return []
+    kept = read_npz(folder / FRAMES, ("z_m",), (VELOCITY,), most=KEPT_BYTES)
+    frames = (dict(zip(kept, maps, strict=True)) for maps in zip(*kept.values(), strict=True))
+    return [replace(first, **{VELOCITY: None} | maps) for maps in frames]
+
+
+def read_times(folder: Path) -> dict[str, Any]:
+    """Return the content of timing.json in the folder of an imaging stage; {} if it has none."""
+    file = folder / TIMING
+    return read_json(file, "a stage's times") if file.exists() else {}
+
+
+def measuring_times(echoes: RadarCapture) -> dict[str, Any]:
+    """Return when the echoes were measured, for timing.json: step_time_s, the median time from one
+    tone to the next, and frame_times_s, the start of each frame; without those that are unknown."""
+    steps_s, starts_s = echoes.times_s, echoes.frame_times_s
+    step = steps_s is not None and len(steps_s) > 1
+    return ({"step_time_s": float(np.median(np.diff(np.sort(steps_s))))} if step else {}) | (
+        {} if starts_s is None else {"frame_times_s": starts_s.tolist()}
+    )
 
 
 class Images(NamedTuple):

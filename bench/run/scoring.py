@@ -10,8 +10,10 @@ curves.npz    methods [method]; REFERENCE__TREATMENT [method, share]: their risk
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,19 +26,21 @@ from handbench.bench.evaluation.metrics import Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.evaluation.treatments import SMOOTHING
+from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_figures
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
-from handbench.bench.run.reconstruct_stage import FRAMES, read_treated
-from handbench.calibration.transforms import Transform
+from handbench.bench.results.derived import SPEED, START, STEP
+from handbench.bench.run.reconstruct_stage import read_frames, read_times, read_treated
+from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.files import read_npz, write_npz
-from handbench.support.limits import KEPT_BYTES
 
 SCORED, CURVES, REFERENCES = "scores.csv", "curves.npz", "references"
 NO_CURVE = np.full(len(SHARES_PERCENT), np.nan)
-OF_EACH_FRAME = ("mae_mm", "max_mm")
+OVER_FRAMES = ("mae_mm", "max_mm")
+OF_EACH_FRAME = (*OVER_FRAMES, "velocity_mae_mm_s", "velocity_bias_mm_s")
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
 Line = tuple[str, str, str, str, int, str, float | int | None]  # of SCORES
 
@@ -55,6 +59,12 @@ def make(
     file that cannot be read."""
     chosen, data = scoring_protocols.protocol(protocol), open_capture(capture)
     name, scores = data.about.name, list[Line]()
+    pixels: dict[str, PixelGrid] = {}
+
+    @cache  # methods that share a grid share the surfaces
+    def at_start(truth: Path, grid: str) -> Reference:
+        return reference_of_file(truth, identity("radar"), pixels[grid], exact=True)
+
     on_grid: dict[
         str, dict[str, Reference]
     ] = {}  # methods that share a grid share the references' depths
@@ -63,21 +73,24 @@ def make(
         depth = load_depthmap(file)
         grid = grids[method] = grid_name(depth.x_m, depth.y_m)
         if grid not in on_grid:
-            on_grid[grid] = _on_grid(references, PixelGrid(depth.x_m, depth.y_m))
+            pixels[grid] = PixelGrid(depth.x_m, depth.y_m)
+            on_grid[grid] = _on_grid(references, pixels[grid])
             for reference, known in on_grid[grid].items():
                 write_reference(folder, reference, grid, known)
-        further_m = list(_further_frames(depth, file.parent, chosen, data))
+        further, times = read_frames(file.parent, depth)[1:], read_times(file.parent)
+        truths = data.truths(1 + len(further))
         for reference, known in on_grid[grid].items():
+            about = name, method, reference, ""
             found = score(depth, known, chosen, data)
             write_errors(folder, name, method, reference, found.errors)
-            scores += _lines((name, method, reference, ""), 0, found.figures)
-            for number, z_m in enumerate(further_m, 1):
-                figures = pool([ErrorMap(depth.x_m, depth.y_m, z_m - known.z_m, known.z_m)])
-                scores += _lines(
-                    (name, method, reference, ""),
-                    number,
-                    {key: figures[key] for key in OF_EACH_FRAME},
-                )
+            scores += _lines(about, 0, found.figures | _motion(depth, known, times, 0))
+            if truths and reference != "truth":
+                continue  # a measured surface of a moving scene is that of frame 0
+            for number, later in enumerate(further, 1):
+                now = at_start(truths[number], grid) if truths else known
+                figures = _of_frame(later, now, chosen, data)
+                figures |= _motion(later, now, times, number)
+                scores += _lines(about, number, figures)
     first = next(iter(on_grid), "")
     depths = {
         m: treated
@@ -143,16 +156,28 @@ def completed_by(reference: Reference, truth: Reference) -> Reference:
     )
 
 
-def _further_frames(
-    depth: DepthMap, folder: Path, chosen: Protocol, data: NativeCapture
-) -> Iterator[np.ndarray]:
-    """Yield, for every frame after the first, the depths [ny, nx], metres, that the protocol
-    scores.
-    depth: depth map of the first frame; folder: of the imaging stage, which has the depths of all
-    frames; data: the capture, whose mask the protocol may use."""
-    if (folder / FRAMES).exists():
-        for z_m in read_npz(folder / FRAMES, ("z_m",), most=KEPT_BYTES)["z_m"][1:]:
-            yield scored_z_m(replace(depth, z_m=z_m), chosen, data)
+def _of_frame(
+    depth: DepthMap, reference: Reference, chosen: Protocol, data: NativeCapture
+) -> Values:
+    """Compute the figures of a frame after the first: metric → value.
+    data: the capture, whose mask the protocol may use."""
+    error_m = scored_z_m(depth, chosen, data) - reference.z_m
+    figures = pool([ErrorMap(depth.x_m, depth.y_m, error_m, reference.z_m)])
+    figures |= velocity_figures(depth, np.isfinite(error_m), reference)
+    return {key: figures[key] for key in OF_EACH_FRAME if key in figures}
+
+
+def _motion(depth: DepthMap, reference: Reference, times: Mapping[str, Any], frame: int) -> Values:
+    """Return facts of the motion in a frame for the table of scores, as far as they are known: name
+    → value. They are the start of the frame; and, if the surface moves or the map has velocities,
+    the mean |radial velocity| of the surface, and the time from one tone to the next.
+    times: content of the imaging stage's timing.json."""
+    starts_s, speed_m_s = times.get("frame_times_s", []), mean_speed_m_s(reference)
+    known = {START: starts_s[frame]} if starts_s else {}
+    if speed_m_s is not None and (speed_m_s > 0 or depth.velocity_m_s is not None):
+        known |= {SPEED: 1e3 * speed_m_s}
+        known |= {STEP: times["step_time_s"]} if "step_time_s" in times else {}
+    return known
 
 
 def read_reference(

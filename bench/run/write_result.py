@@ -187,7 +187,7 @@ def _over_frames(
     """Return for each capture how the error of a method varies over the frames: metric → value.
     values: (method, metric) → lines of the table of scores, which has one for each capture and
     frame."""
-    lines = (values[method, metric] for metric in scoring.OF_EACH_FRAME)
+    lines = (values[method, metric] for metric in scoring.OVER_FRAMES)
     own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
     mae_mm, max_mm = (
         [each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own

@@ -1,16 +1,20 @@
 """Echoes of a scene: its conversion to the input of the radar simulation, the selection of effects,
 and the simulation."""
 
+from collections.abc import Callable, Iterator
+
 import numpy as np
 
 from handbench.bench.scenes.bones import palmar
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
+from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.bench.scenes.stand import cuboid, plate_box_m
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
 from handbench.radar.simulation.scene import Ball, Body, EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
@@ -49,21 +53,49 @@ def choices(
 
 def echo_scene(scene: Scene) -> EchoScene:
     """Convert a scene to the input of the radar simulation: array, target, balls, room, the causes
-    of effects, and the tones, in ascending order with the time at which each is measured."""
-    measured_hz = scene.file.sensor.frequencies_hz
-    frequencies_hz, first = np.unique(measured_hz, return_index=True)
+    of effects, and the tones with the time at which each is measured. The tones are in ascending
+    order; if some are repeated, in the order in which they are measured."""
+    sensor = scene.file.sensor
+    different_hz, order = np.unique(sensor.frequencies_hz, return_index=True)
+    if len(different_hz) < len(sensor.frequencies_hz):
+        order = np.arange(len(sensor.frequencies_hz))
     return EchoScene(
         array=antenna_array(scene),
-        frequencies_hz=frequencies_hz,
-        time_s=first * scene.file.sensor.step_time_s,
+        frequencies_hz=sensor.frequencies_hz[order],
+        time_s=order * sensor.step_time_s,
         target=_target(scene),
         balls=_balls(scene),
         room=_room(scene),
         causes=scene.file.causes,
         seed=scene.file.seed,
         depth_step_hz=scene.file.depth_step_hz,
-        polarisation_deg=scene.file.sensor.polarisation_deg,
+        polarisation_deg=sensor.polarisation_deg,
+        frame_period_s=sensor.frame_period_s,
+        origin_m=scene.radar_from_target.matrix[:3, 3],
+        bent=_bent(scene),
     )
+
+
+def surfaces(
+    scene: Scene, radar_scene: EchoScene, frames: int
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the target's true surface at the start of each frame: vertices [n, 3] in the radar
+    frame, metres, and their velocities [n, 3], m/s. Its faces are those of scene.target_mesh."""
+    vertices_m = np.asarray(scene.target_mesh.vertices)
+    for start in frame_starts(radar_scene, frames):
+        now = (radar_scene, vertices_m, start)
+        yield surface_m(*now), velocity_m_s(*now)
+
+
+def _bent(scene: Scene) -> Callable[[float], np.ndarray] | None:
+    """Return a hand's vertices [n, 3] in the radar frame as a function of time, with the motion of
+    its fingers alone; None if they do not move."""
+    target = scene.file.target
+    if not isinstance(target, HandTarget) or target.motion.pose is None:
+        return None
+    in_hand_m = scene.radar_from_target.inverse().points(np.asarray(scene.target_mesh.vertices))
+    skin = SkinnedHand(in_hand_m, target.angles, target.build)
+    return lambda time_s: scene.radar_from_target.points(skin.posed(target.angles_at(time_s)))
 
 
 def _target(scene: Scene) -> Body | None:

@@ -6,7 +6,7 @@ Angles beyond what a supple healthy hand can do are refused.
 
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar
 
 from pydantic import Field
 
@@ -74,6 +74,25 @@ class Pose(Config):
     little: FingerPose = FingerPose(spread_deg=-10.0)
     wrist: WristPose = WristPose()
     turn_deg: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)
+
+
+ConfigT = TypeVar("ConfigT", bound=Config)
+
+
+def between(start: ConfigT, end: ConfigT, share: float) -> ConfigT:
+    """Return the pose whose angles are start + share · (end − start). share: 0 to 1; beyond, angles
+    may exceed what a hand can do."""
+    return start.model_copy(
+        update={name: _between(value, getattr(end, name), share) for name, value in start}
+    )
+
+
+def _between(start: Any, end: Any, share: float) -> Any:
+    if isinstance(start, Config):
+        return between(start, end, share)
+    if isinstance(start, tuple):
+        return tuple(_between(a, b, share) for a, b in zip(start, end, strict=True))
+    return start + share * (end - start)
 
 
 POSES = {

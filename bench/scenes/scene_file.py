@@ -3,16 +3,16 @@
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from handbench.bench.scenes.bones import person_pose
-from handbench.bench.scenes.hand_pose import POSES, Pose
+from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.known_effects import check_names
 from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
-from handbench.support.config import Config, Name, Near, Tone, suggest
+from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.pictures import LARGEST_PX
 
@@ -50,6 +50,36 @@ class _Solid(_Placed):
 _POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose")
 
 
+AnyPose = Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
+
+
+def known_pose(pose: str | Pose | None) -> str | Pose | None:
+    """Return the pose unchanged. Raises ValueError for an unknown letter."""
+    if isinstance(pose, str) and pose not in POSES:
+        raise ValueError(f"this pose is unknown; {suggest(pose, list(POSES))}")
+    return pose
+
+
+def person_angles(pose: str | Pose, number: int) -> Pose:
+    """Return the joint angles with which the person `number` makes a pose."""
+    return person_pose(POSES[pose] if isinstance(pose, str) else pose, number)
+
+
+class HandMotion(Motion):
+    """The motion of a hand, whose fingers may also move: to `pose`, which they reach after
+    duration_s. The joint angles are linear in time until then, and constant afterwards."""
+
+    pose: Annotated[AnyPose | None, AfterValidator(known_pose)] = None
+    duration_s: float | None = Field(default=None, ge=1e-3, le=1e4)
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> "HandMotion":
+        if (self.pose is None) != (self.duration_s is None):
+            given, missing = ("pose", "duration_s") if self.pose else ("duration_s", "pose")
+            raise ValueError(f"{given} is given without {missing}; give both or neither")
+        return self
+
+
 class HandTarget(_Solid):
     """A parametric right hand.
 
@@ -59,25 +89,25 @@ class HandTarget(_Solid):
     """
 
     kind: Literal["hand"]
-    pose: Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
+    pose: Annotated[AnyPose, AfterValidator(known_pose)]
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Near, Near] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
     person: int = Field(default=0, ge=0, le=MOST_PEOPLE)
-
-    @field_validator("pose")
-    @classmethod
-    def _known_pose(cls, pose: str | Pose) -> str | Pose:
-        if isinstance(pose, str) and pose not in POSES:
-            raise ValueError(f"this pose is unknown; {suggest(pose, list(POSES))}")
-        return pose
+    motion: HandMotion = HandMotion()
 
     @property
     def angles(self) -> Pose:
         """The joint angles with which this person makes the pose."""
-        return person_pose(
-            POSES[self.pose] if isinstance(self.pose, str) else self.pose, self.person
-        )
+        return person_angles(self.pose, self.person)
+
+    def angles_at(self, time_s: float) -> Pose:
+        """Return the joint angles at a time since the start of the motion; before it, those of the
+        same motion."""
+        if self.motion.pose is None or self.motion.duration_s is None:
+            return self.angles
+        reached = person_angles(self.motion.pose, self.person)
+        return between(self.angles, reached, min(time_s / self.motion.duration_s, 1.0))
 
     @property
     def build(self) -> Person:
@@ -149,14 +179,16 @@ class Sensor(SensorFaults):
 
     array: the built-in array, or a folder with another one. sweep, tones_hz: the frequencies,
     measured in this order (first all sweeps, then the single tones), one every step_time_s seconds.
-    polarisation_deg: direction of the antennas' electric field, from x towards y. The inherited
-    keys describe the radar's imperfections.
+    frame_period_s: time from one frame's start to the next, while the target moves on (None: it
+    starts at the same place in every frame). polarisation_deg: direction of the antennas' electric
+    field, from x towards y. The inherited keys describe the radar's imperfections.
     """
 
     array: str = BUILT_IN_ARRAY
     sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
     tones_hz: tuple[Tone, ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
+    frame_period_s: float | None = Field(default=None, gt=0, le=1e4)
     # of the antennas' field, from x towards y
     polarisation_deg: float = Field(default=90.0, ge=-360, le=360)
 
@@ -169,6 +201,12 @@ class Sensor(SensorFaults):
             raise ValueError(
                 f"sweep and tones_hz make {count} tones, more than {MOST_TONES}; take a smaller "
                 "count"
+            )
+        frame_s = count * self.step_time_s
+        if self.frame_period_s is not None and self.frame_period_s < frame_s * (1 - 1e-9):
+            raise ValueError(
+                f"frame_period_s is {self.frame_period_s:g}, but a frame of {count} tones takes "
+                f"{frame_s:g} s; expected at least that"
             )
         return self
 
@@ -310,6 +348,15 @@ class SceneFile(Config):
             )
         return self
 
+    def varied(self, changes: dict[str, Any], suffix: str) -> "SceneFile":
+        """Return the scene with other values, and with the suffix added to its name.
+
+        changes: as the content of a scene file, with only the keys that change. Raises
+        HandbenchError for an unknown key or a wrong value."""
+        values = _replaced(self.model_dump(mode="json", exclude_unset=True), changes)
+        name = f"{self.name}-{suffix}"
+        return parse(SceneFile, values | {"name": name}, f"scene '{name}'")
+
     def of_person(self, number: int) -> "SceneFile":
         """Return the scene with the hand of the person `number`, held as that person holds it, with
         a name and a seed of its own. Raises HandbenchError if the target is not a hand."""
@@ -343,6 +390,16 @@ class SceneFile(Config):
         faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
         rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
+
+
+def _replaced(values: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """Return nested values with those of `changes` in their place."""
+    return values | {
+        key: _replaced(values[key], new)
+        if isinstance(new, dict) and isinstance(values.get(key), dict)
+        else new
+        for key, new in changes.items()
+    }
 
 
 def name_of_person(scene: str, number: int) -> str:

@@ -69,6 +69,10 @@ def scene_problems(path: Path) -> Found[CheckedCapture]:
         )
         for file in () if array is None else (array / "tx_m.csv", array / "rx_m.csv"):
             yield from found.attempt(at, partial(load_positions, file))
+    return _facts_of(scene)
+
+
+def _facts_of(scene: SceneFile) -> CheckedCapture:
     return CheckedCapture(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
 
 
@@ -183,10 +187,17 @@ def _source(
     if key == "path":
         return (yield from capture_problems(path, scored))
     facts = yield from scene_problems(path)
-    if facts.about is not None and isinstance(source, Source) and source.persons:
-        scene = load(SceneFile, path, "a scene description")
+    if facts.about is None or not isinstance(source, Source):
+        return facts
+    scene = load(SceneFile, path, "a scene description")
+    if source.persons:
         yield from found.attempt((*at, "persons"), partial(scene.of_person, 1))
-    return facts
+    if source.suffix is None:
+        return facts
+    varied = yield from found.attempt(
+        (*at, "set"), partial(scene.varied, source.set, source.suffix)
+    )
+    return CheckedCapture() if varied is None else _facts_of(varied)
 
 
 def _imaged(

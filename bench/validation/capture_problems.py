@@ -20,6 +20,7 @@ from handbench.bench.datasets.native import (
     PHOTOS,
     TARGET,
     TRANSFORM,
+    TRUTHS,
     CaptureFile,
     NativeCapture,
 )
@@ -128,8 +129,9 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
     about = yield from (_described(folder) if native else attempt(folder, lambda: capture.about))
     echoes = yield from _echoes(folder / ECHOES if native else folder, capture)
     mesh = yield from attempt(folder, capture.mesh)
+    truths = yield from attempt(folder / TRUTHS, partial(_truths, capture, echoes))
     surfaces: dict[Path | None, Surface | None] = {}
-    for file in filter(None, (capture.truth, mesh)):
+    for file in filter(None, (capture.truth, mesh, *(truths or ()))):
         surfaces[file] = yield from surface_problems(file)
     file = folder / TRANSFORM if (folder / TRANSFORM).exists() else folder
     transform = yield from attempt(file, capture.transform)
@@ -207,6 +209,19 @@ def _echoes(file: Path, capture: NativeCapture) -> Found[RadarCapture | None]:
         yield from attempt(empty, lambda: load_capture(empty))
     yield from warnings_at(file, echo_warnings(echoes))
     return echoes
+
+
+def _truths(capture: NativeCapture, echoes: RadarCapture | None) -> tuple[Path, ...]:
+    """Return the files of the true surface at the start of each frame. Raises HandbenchError if
+    their number is not that of the frames."""
+    frames = 0 if echoes is None else len(echoes.samples)
+    files = capture.truths(frames)
+    if files and len(there := sorted((capture.folder / TRUTHS).glob("*.ply"))) > frames:
+        raise HandbenchError(
+            f"{capture.folder / TRUTHS}: has {len(there)} surfaces, but the capture has {frames} "
+            "frames; expected a true surface for each of them; make the capture again"
+        )
+    return files
 
 
 def surface_problems(file: Path) -> Found[Surface | None]:

@@ -25,7 +25,8 @@ class Reference(NamedTuple):
     registration: the transform that moved the surface to the radar frame; its error is common to
     all pixels. leverage [ny, nx, 6 or 7]: derivatives of the depth with respect to the transform's
     parameters. Both are None if the transform's covariance is unknown. met [ny, nx]: True where a
-    ray along z meets any surface, observed or interpolated (None: unknown).
+    ray along z meets any surface, observed or interpolated (None: unknown). velocity_m_s [ny, nx]:
+    radial velocity of the surface, positive away from the radar frame's origin (None: unknown).
     """
 
     z_m: np.ndarray
@@ -33,6 +34,7 @@ class Reference(NamedTuple):
     leverage: np.ndarray | None
     registration: Transform | None
     met: np.ndarray | None = None
+    velocity_m_s: np.ndarray | None = None
 
     @property
     def registration_sigma_m(self) -> np.ndarray:
@@ -78,8 +80,9 @@ def reference_on_grid(
     registration: the transform that moved the surface to the radar frame; its covariance enters the
     uncertainty. When a surface with normal n moves by δ, the depth of a pixel changes by n·δ/n_z.
     So an error σ along the normal gives σ/|n_z|, and an error ξ of the registration's parameters
-    gives n·J(p)·ξ/n_z to first order, with the Jacobian J at the point p. Raises HandbenchError for
-    an implausibly large surface.
+    gives n·J(p)·ξ/n_z to first order, with the Jacobian J at the point p. The radial velocity at p
+    is v·p/|p|, with the velocity v of the surface there. Raises HandbenchError for an implausibly
+    large surface.
     """
     met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     faces = surface.faces[triangle]
@@ -92,12 +95,15 @@ def reference_on_grid(
     # n/n_z, ≤ 1/STEEPEST long
     slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])
     mesh_sigma_m = surface.sigma_m[faces].mean(axis=1) * np.linalg.norm(slant, axis=1)
+    points_m = np.stack([x, y, z], axis=1)
     found = Reference(_spread(hit, z, np.nan), _spread(hit, mesh_sigma_m, np.nan), None, None, met)
+    if surface.velocity_m_s is not None:
+        v_m_s = _interpolate(surface.velocity_m_s[faces], corners, x, y)
+        radial_m_s = (v_m_s * points_m).sum(axis=1) / np.linalg.norm(points_m, axis=1)
+        found = found._replace(velocity_m_s=_spread(hit, radial_m_s, np.nan))
     if registration is None or registration.covariance is None:
         return found
-    jacobian = perturbation_jacobian(np.stack([x, y, z], axis=1))[
-        ..., : len(registration.covariance)
-    ]
+    jacobian = perturbation_jacobian(points_m)[..., : len(registration.covariance)]
     leverage = np.einsum("ni,nij->nj", slant, jacobian)
     return found._replace(leverage=_spread(hit, leverage, np.nan), registration=registration)
 
@@ -164,3 +170,17 @@ def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.nda
         - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
     )
     return np.clip(z, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))
+
+
+def _interpolate(
+    values: np.ndarray, corners: np.ndarray, x: np.ndarray, y: np.ndarray
+) -> np.ndarray:
+    """Interpolate the values [n, 3, k] at the corners [n, 3, 3] of triangles linearly to the points
+    (x, y) [n] inside them, seen along z; returns [n, k]. Points that rounding put outside get the
+    values at the edge."""
+    to_corner = corners[..., :2] - np.stack([x, y], axis=1)[:, None]
+    following, last = (np.roll(to_corner, -shift, axis=1) for shift in (1, 2))
+    # the area of the triangle of the point and the two other corners
+    weight = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]
+    weight = np.clip(weight / weight.sum(axis=1, keepdims=True), 0, 1)
+    return np.einsum("nc,nck->nk", weight / weight.sum(axis=1, keepdims=True), values)

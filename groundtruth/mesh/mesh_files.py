@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.calibration.transforms import LARGEST_M
-from handbench.groundtruth.mesh.ply import MOST, read_ply
+from handbench.groundtruth.mesh.ply import MOST, read_ply, write_ply
 from handbench.groundtruth.mesh.polygons import MOST_CORNERS, triangles
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
@@ -305,6 +305,17 @@ def _by_axis(points: np.ndarray) -> dict[str, np.ndarray]:
 def write_mesh(path: str | Path, surface: TriangleMesh) -> None:
     """Write an Open3D mesh as a binary PLY file, atomically. Raises OSError if the disk is full."""
     _write(path, load_open3d().io.write_triangle_mesh, surface)
+
+
+def write_moving_mesh(
+    path: str | Path, vertices_m: np.ndarray, velocity_m_s: np.ndarray, faces: np.ndarray
+) -> None:
+    """Write vertices [n, 3] in metres with their velocities [n, 3] in m/s, as the properties vx, vy
+    and vz, and triangles [m, 3] as a binary PLY file, atomically."""
+    columns = {axis: vertices_m[:, i] for i, axis in enumerate("xyz")}
+    columns |= {f"v{axis}": velocity_m_s[:, i] for i, axis in enumerate("xyz")}
+    with atomic_path(path) as temporary:
+        write_ply(temporary, columns, faces)
 
 
 def write_cloud(path: str | Path, points_m: np.ndarray, normals: np.ndarray) -> None:

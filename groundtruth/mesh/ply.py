@@ -1,5 +1,5 @@
-"""Reader of PLY files that uses numpy only. The header is compared with the file's size before
-memory is taken for the content."""
+"""Reader and writer of PLY files that use numpy only. Before memory is taken for the content of a
+file, its header is compared with its size."""
 
 import codecs
 import re
@@ -97,6 +97,25 @@ def read_ply(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     if not {"x", "y", "z"} <= vertices.keys():
         raise ValueError("its vertices have no x, y or z")
     return vertices, faces
+
+
+def write_ply(path: Path, columns: dict[str, np.ndarray], faces: np.ndarray) -> None:
+    """Write a binary PLY file. columns: the vertices' properties [n] by name, float32 or float64;
+    faces [m, 3]: triangles of vertex indices."""
+    kinds = {"f": "float", "d": "double"}
+    vertices = np.rec.fromarrays(columns.values(), names=list(columns))
+    triangles = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
+    triangles["count"], triangles["corners"] = 3, faces
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *(f"property {kinds[column.dtype.char]} {name}" for name, column in columns.items()),
+        f"element face {len(faces)}",
+        "property list uchar int vertex_indices",
+        "end_header\n",
+    ]
+    path.write_bytes("\n".join(header).encode() + vertices.tobytes() + triangles.tobytes())
 
 
 def _header(content: bytes) -> tuple[str, list[PlyElement], int]:

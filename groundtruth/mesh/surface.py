@@ -7,6 +7,7 @@ import numpy as np
 
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles
+from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path
 from handbench.support.rays import TriangleMesh
 
@@ -14,6 +15,7 @@ VERTEX = np.dtype(
     [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")]
 )
 FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
+VELOCITY = ("vx", "vy", "vz")  # properties of a PLY file's vertices, metres per second
 PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 
 
@@ -24,13 +26,15 @@ class Surface:
     vertices_m [n, 3]. faces [m, 3]: triangles of vertex indices, counter-clockwise seen from
     outside. sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown).
     observed [n]: False where the surface is only interpolated or extrapolated from the photographed
-    points; depths there must not be scored.
+    points; depths there must not be scored. velocity_m_s [n, 3]: velocity of each vertex, metres
+    per second (None: unknown).
     """
 
     vertices_m: np.ndarray
     faces: np.ndarray
     sigma_m: np.ndarray
     observed: np.ndarray
+    velocity_m_s: np.ndarray | None = None
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -46,7 +50,13 @@ class Surface:
         """Return the surface in the transform's target frame. sigma_m is multiplied by the
         transform's scale; the transform's own uncertainty is not added."""
         sigma_m = self.sigma_m * abs(transform.scale)
-        return Surface(transform.points(self.vertices_m), self.faces, sigma_m, self.observed)
+        v_m_s = self.velocity_m_s
+        return replace(
+            self,
+            vertices_m=transform.points(self.vertices_m),
+            sigma_m=sigma_m,
+            velocity_m_s=None if v_m_s is None else v_m_s @ transform.matrix[:3, :3].T,
+        )
 
     def save(self, file: str | Path) -> None:
         """Write the surface as a binary PLY file, atomically. Each vertex has the further
@@ -74,10 +84,24 @@ def read_surface(file: str | Path) -> "Surface":
     """Read a surface in metres from a PLY, OBJ or STL file.
 
     The uncertainty comes from the vertex properties sigma_m and observed of a PLY file. If they are
-    missing, sigma_m is NaN (unknown) and every vertex counts as observed. Raises HandbenchError for
-    a broken file.
+    missing, sigma_m is NaN (unknown) and every vertex counts as observed. The velocity comes from
+    vx, vy and vz, metres per second. Raises HandbenchError for a broken file.
     """
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
     observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0
-    return Surface(vertices_m, faces, sigma_m, observed)
+    return Surface(vertices_m, faces, sigma_m, observed, _velocity_m_s(file, columns))
+
+
+def _velocity_m_s(file: str | Path, columns: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Return the velocities [n, 3] of the vertices from the further properties of a PLY file; None
+    if it has none. Raises HandbenchError for velocities that are NaN or infinite."""
+    if not columns.keys() >= set(VELOCITY):
+        return None
+    velocity_m_s = np.stack([columns[name] for name in VELOCITY], axis=1).astype(np.float64)
+    if bad := int((~np.isfinite(velocity_m_s)).any(axis=1).sum()):
+        raise HandbenchError(
+            f"{file}: {', '.join(VELOCITY)} of {bad} vertices are NaN or infinite; expected metres "
+            "per second; make the file again"
+        )
+    return velocity_m_s

@@ -141,11 +141,12 @@ class Ablation:
 
     def _applied(self, effect: Effect, echoes: Echoes, without: frozenset[str]) -> Echoes:
         if effect.id != BOUNCING or without & REFLECTING:
-            return effect.apply(echoes)
+            return echoes.through(effect.apply)
         if self._bounced is None:
             extra = effect.apply(echoes).extra
             self._bounced = {name: cache(echo) for name, echo in extra.items() if name == BOUNCING}
-        return replace(echoes, extra={**echoes.extra, **self._bounced})
+        bounced = self._bounced
+        return echoes.through(lambda to: replace(to, extra={**to.extra, **bounced}))
 
     def _imaged(self, samples: np.ndarray) -> dict[str, np.ndarray]:
         """Compute the depth map [ny, nx] of each method from samples [f, t, r], by method id:

@@ -12,7 +12,8 @@ from handbench.radar.simulation.effects import (
     sensor,
     target_surface,
 )
-from handbench.radar.simulation.effects.quick_estimate import QuickEstimate, echo_s
+from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
+from handbench.radar.simulation.movement import moves
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
@@ -27,7 +28,8 @@ class Effect:
     in words; cause: function that tells whether a scene has it; apply: function that returns the
     echoes with the effect; cost_s: function from a scene to the estimated CPU seconds (0, the
     default, is negligible, so that "auto" always switches it on); estimate: function from a scene
-    to a quick estimate of the effect's size (None: unknown).
+    to a quick estimate of the effect's size (None: unknown); way: function from a scene to how the
+    effect is simulated there, in words ("": always in the same way).
     """
 
     id: str
@@ -36,6 +38,7 @@ class Effect:
     apply: Callable[[Echoes], Echoes]
     cost_s: Callable[[EchoScene], float] = lambda scene: 0.0
     estimate: Callable[[EchoScene], QuickEstimate | None] = lambda scene: None
+    way: Callable[[EchoScene], str] = lambda scene: ""
 
     def missing(self, scene: EchoScene) -> str:
         """Return the cause that the scene lacks for this effect, in words; "" if the scene has
@@ -119,11 +122,12 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "motion",
-        "[target.motion] with an amplitude or a velocity",
-        lambda scene: bool(scene.causes.motion.amplitude_m or scene.causes.motion.velocity_m_s),
+        "[target.motion] with an amplitude, a velocity, a rotation or a pose",
+        moves,
         motion.motion,
-        echo_s,  # of one displacement more, at least
+        motion.motion_cost_s,
         motion.estimate_motion,
+        motion.way_of_motion,
     ),
     Effect(
         "coupling",

@@ -6,7 +6,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from handbench.support.config import Config
+from handbench.support.config import Config, Near
 
 
 class Noise(Config):
@@ -62,18 +62,29 @@ def require_direction(direction: Direction) -> Direction:
     return direction
 
 
-class Motion(Config):
-    """Rigid motion of the target along `direction` (radar frame), relative to its place at the
-    start of each frame.
+DegreesPerSecond = Annotated[float, Field(ge=-3600, le=3600)]
 
-    It is the sum of a tremor, a sine with the peak amplitude_m, frequency_hz and a random phase,
-    and of a constant velocity_m_s.
+
+class Motion(Config):
+    """Rigid motion of the target, in the radar frame: a rotation, then a displacement.
+
+    The displacement along `direction` is the sum of a tremor, a sine with the peak amplitude_m,
+    frequency_hz and a random phase, and of a constant velocity_m_s. rotation_deg_s: constant
+    angular velocity as a rotation vector; pivot_m: point about which the target turns, relative to
+    the target's origin.
     """
 
     amplitude_m: float = Field(default=0.0, ge=0, le=0.01)
     frequency_hz: float = Field(default=9.0, gt=0)
     velocity_m_s: float = Field(default=0.0, ge=-100, le=100)
     direction: Annotated[Direction, AfterValidator(require_direction)] = (0.0, 0.0, 1.0)
+    rotation_deg_s: tuple[DegreesPerSecond, DegreesPerSecond, DegreesPerSecond] = (0.0, 0.0, 0.0)
+    pivot_m: tuple[Near, Near, Near] = (0.0, 0.0, 0.0)
+
+    @property
+    def along(self) -> np.ndarray:
+        """The unit vector [3] along `direction`."""
+        return np.array(self.direction) / np.linalg.norm(self.direction)
 
 
 class Roughness(Config):

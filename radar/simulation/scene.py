@@ -1,7 +1,7 @@
 """The scene of a simulation: bodies with their materials in front of an array, and the causes of
 effects."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -83,14 +83,19 @@ class Ball:
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
-    """A scene as the radar measures it. frequencies_hz [f]: the radar's tones, ascending; time_s
-    [f]: when each tone is measured, from the start of a frame.
+    """A scene as the radar measures it. frequencies_hz [f]: the radar's tones, in any order, some
+    perhaps repeatedly; time_s [f]: when each tone is measured, from the start of a frame.
+    frame_period_s: time from one frame's start to the next (None: the target starts at the same
+    place in every frame).
 
     target: the measured body (None for a scene with balls only); room: the bodies around it, which
     stay when the target is removed; causes: causes of the effects, such as noise or motion; seed:
-    seed of all random draws. depth_step_hz: difference of two tones for which an effect's phase is
-    converted to millimetres of depth. polarisation_deg: direction of the antennas' electric field,
-    from x towards y (used for balls and for echoes over two or more places).
+    seed of all random draws. origin_m [3]: the target's origin, to which causes.motion.pivot_m is
+    relative; bent: the target's vertices [n, 3] as a function of time in seconds, with the motion
+    of a hand's fingers alone (None: the target moves as a whole or not at all). depth_step_hz:
+    difference of two tones for which an effect's phase is converted to millimetres of depth.
+    polarisation_deg: direction of the antennas' electric field, from x towards y (used for balls
+    and for echoes over two or more places).
 
     Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided;
     mirrors_coarser multiplies that of the mirrors of multiple bounces once more; nodes_apart
@@ -110,6 +115,9 @@ class EchoScene:
     coarser: float = 1.0
     mirrors_coarser: float = 1.0
     nodes_apart: float = 1.0
+    frame_period_s: float | None = None
+    origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    bent: Callable[[float], np.ndarray] | None = None
     _cache: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -138,9 +146,9 @@ class EchoScene:
         """The two tones (high, low) in Hz whose phase difference determines depth: the highest
         tone, and the tone nearest to depth_step_hz below it. If there is only one tone, the second
         value is exactly depth_step_hz lower, although it is not measured."""
-        low_hz, high_hz = self.frequencies_hz[:-1], float(self.frequencies_hz[-1])
+        high_hz = float(self.frequencies_hz.max())
         wanted_hz = high_hz - self.depth_step_hz
-        below_hz = low_hz[low_hz < high_hz][::-1]  # of two as near, the higher
+        below_hz = np.unique(self.frequencies_hz)[:-1][::-1]  # of two as near, the higher
         return high_hz, float(below_hz[np.abs(below_hz - wanted_hz).argmin()]) if len(
             below_hz
         ) else wanted_hz

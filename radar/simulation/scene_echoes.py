@@ -21,6 +21,7 @@ from handbench.support.errors import HandbenchError
 
 SIGHT_TOLERANCE = 1e-3  # of diffracted echoes: a fifth of the error of interpolating their sight
 TARGET = "echoes"  # row of the target's own echoes in the table of effects and times
+Tones = slice | list[int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +66,7 @@ class Echoes:
     `pattern` (the exponent q of the antennas' pattern cosᵠθ); the next ones change the target's
     surface or add an extra echo (`extra`: effect → function that returns samples [f, t, r]). The
     samples are computed when an effect first reads `samples`; this effect and later ones store
-    changed samples in `recorded` [frame, f, t, r].
+    changed samples in `recorded` [frame, f, t, r]. `applied` has the effects so far, in this order.
 
     ball_delay_m [n]: extra one-way path of each ball's echo. tolerance: relative error of the fast
     summation (None: exact sum). with_target: False for the empty room. levels: amplitudes, by
@@ -84,13 +85,18 @@ class Echoes:
     extra: Mapping[str, Callable[[], np.ndarray]] = field(default_factory=dict)
     levels: Mapping[str, float] = field(default_factory=dict)
     recorded: np.ndarray | None = None
+    applied: tuple["Apply", ...] = ()
     timed: Callable[[str], AbstractContextManager[Any]] = nullcontext
 
     def seed(self, effect: str, *keys: int) -> tuple[int, ...]:
         """Return the seed of an effect's random numbers. It depends only on the scene's seed, the
         effect's name and further `keys`, so that the numbers do not change when other effects are
         switched on or off."""
-        return (self.scene.seed, zlib.crc32(effect.encode()), *keys)
+        return seed_of(self.scene, effect, *keys)
+
+    def through(self, effect: "Apply") -> "Echoes":
+        """Return the state that an effect makes of this one, with the effect in `applied`."""
+        return replace(effect(self), applied=(*self.applied, effect))
 
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
         """Return one seed of the effect's random numbers per frame. The frames of the empty room
@@ -120,22 +126,27 @@ class Echoes:
         facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
-    def echo(self, array: AntennaArray) -> np.ndarray:
+    def echo(self, array: AntennaArray, tones: Tones = slice(None)) -> np.ndarray:
         """Simulate the samples of the target's surface and balls with the antennas of `array`:
-        complex64 [f, t, r], without extra echoes such as multiple bounces."""
-        samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
+        complex64 [f, t, r], without extra echoes such as multiple bounces. tones: indices of the
+        tones f."""
+        frequencies_hz = self.scene.frequencies_hz[tones]
+        samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         with self.timed(TARGET):
             if self.surface is not None:
-                samples += self._surface_echo(self.surface, array)
+                samples += self._surface_echo(self.surface, array, tones)
             if self.with_target:
                 samples += ball_echoes(
-                    self.scene, self.scene.frequencies_hz, array, self.ball_delay_m, self.pattern
+                    self.scene, frequencies_hz, array, self.ball_delay_m, self.pattern
                 )
         return samples
 
-    def _surface_echo(self, surface: ScatteringSurface, array: AntennaArray) -> np.ndarray:
+    def _surface_echo(
+        self, surface: ScatteringSurface, array: AntennaArray, tones: Tones
+    ) -> np.ndarray:
         """Simulate the samples of a surface: complex64 [f, t, r]. They are the sum over the
         surface's layers of the echoes of each layer's facets times the layer's reflection."""
+        frequencies_hz = self.scene.frequencies_hz[tones]
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
         every = Scatterers(
@@ -146,11 +157,11 @@ class Echoes:
             if layer is None
             else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
         )
-        samples = np.zeros((len(self.scene.frequencies_hz), *array.channels), np.complex64)
+        samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
         for n, part in enumerate(layers):
             echoes = simulate(
                 part,
-                self.scene.frequencies_hz,
+                frequencies_hz,
                 array,
                 tolerance=self.tolerance,
                 pattern=self.pattern,
@@ -159,7 +170,7 @@ class Echoes:
             samples += (
                 echoes
                 if surface.reflection is None
-                else echoes * surface.reflection[n][:, None, None]
+                else echoes * surface.reflection[n][tones, None, None]
             )
         return samples
 
@@ -199,6 +210,14 @@ def bare_echoes(
     return Echoes(
         scene, scene.array, surface, still, frames, tolerance, levels is None, levels=levels or {}
     )
+
+
+Apply = Callable[[Echoes], Echoes]
+
+
+def seed_of(scene: EchoScene, effect: str, *keys: int) -> tuple[int, ...]:
+    """Return the seed of an effect's random numbers in a scene, and of further `keys`."""
+    return (scene.seed, zlib.crc32(effect.encode()), *keys)
 
 
 def generator(seed: tuple[int, ...]) -> np.random.Generator:

@@ -68,7 +68,13 @@ def choose(
             found.left_out[name] = f"contained in {container}"
     if explain:
         _explain(found, scene, there)
-    return tuple(_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
+    rows = (_choice(effect.id, wanted, missing[effect.id], found) for effect in EFFECTS)
+    return tuple(
+        row.model_copy(update={"why": f"{row.why}; {way}"})
+        if row.on and (way := effect.way(scene))
+        else row
+        for effect, row in zip(EFFECTS, rows, strict=True)
+    )
 
 
 def _auto(scene: EchoScene, effects: list[Effect], tolerance_mm: float) -> Selection:

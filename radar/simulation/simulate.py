@@ -76,21 +76,30 @@ def simulate_scene(
     realisation of the noise.
     """
     watch, on = Stopwatch(), {row.effect for row in choices if row.on}
+    timed = "motion" in on or len(np.unique(scene.frequencies_hz)) < len(scene.frequencies_hz)
     with one_blas_thread():  # or the last digits would depend on the number of cores
         echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
         room = None
         if empty:
             bare = bare_echoes(scene, 1, tolerance, echoes.levels)
-            room = _capture(_applied(bare, on, Stopwatch()))
+            room = _capture(_applied(bare, on, Stopwatch()), timed)
     seconds = {name: watch.seconds.get(name, 0.0) for name in on}
     rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
     why = "the target's echoes, with what shapes them"
     base = Choice(effect=TARGET, on=True, why=why, seconds=watch.seconds[TARGET])
-    return SimulatedCapture(_capture(echoes), (base, *rows), room)
+    return SimulatedCapture(_capture(echoes, timed), (base, *rows), room)
 
 
-def _capture(echoes: Echoes) -> RadarCapture:
-    return RadarCapture(echoes.samples, echoes.scene.frequencies_hz, echoes.scene.array)
+def _capture(echoes: Echoes, timed: bool) -> RadarCapture:
+    """Return the samples as a capture. timed: with the times of tones and, if they follow each
+    other, of frames."""
+    scene = echoes.scene
+    capture = RadarCapture(echoes.samples, scene.frequencies_hz, scene.array)
+    if not timed:
+        return capture
+    several = scene.frame_period_s is not None and echoes.frames > 1
+    frame_times_s = scene.frame_period_s * np.arange(echoes.frames) if several else None
+    return replace(capture, times_s=scene.time_s, frame_times_s=frame_times_s)
 
 
 def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
@@ -100,6 +109,6 @@ def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
     for effect in EFFECTS:
         if effect.id in on:
             with watch.timed(effect.id):
-                echoes = effect.apply(echoes)
+                echoes = echoes.through(effect.apply)
     np.asarray(echoes.samples)  # computes them if no effect has
     return echoes

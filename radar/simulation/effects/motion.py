@@ -1,6 +1,9 @@
 """The effect "motion": hand tremor and other motion of the target while one tone after another is
 measured.
 
+In general every tone sees the surface at its own time (`moving_surface`). For a target that moves
+as a whole, by little and in the same way in each frame, a quicker calculation is exact enough:
+
 A target that moves by δ along e is a target at rest before an array that has moved by −δe. Echoes
 are computed at few displacements. In between, the phase of each channel follows the path to the
 target's middle, and the small remaining difference between the target's parts is interpolated
@@ -15,34 +18,83 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.quick_estimate import CLOSED, QuickEstimate
+from handbench.radar.simulation.effects.moving_surface import echoes_at_each_tone
+from handbench.radar.simulation.effects.quick_estimate import (
+    CLOSED,
+    FACET_S,
+    TONE_S,
+    QuickEstimate,
+    coarse_surface,
+    echo_s,
+)
+from handbench.radar.simulation.movement import displacement_m, frame_starts, reshapes
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, generator
-from handbench.support.errors import HandbenchError
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 
-MOST_NODES = 30  # displacements, at most; each needs a simulation
+MOST_NODES = 40  # displacements, at most; each needs a simulation
 # between two displacements: linear interpolation then errs by (0.06)²/8 = 5e-4 at the target's rim
 RESIDUAL_RAD = 0.06
 
 
 def motion(echoes: Echoes) -> Echoes:
-    """Move the target between one tone and the next, by the scene's `motion`. The tremor's phase is
-    random in each frame."""
+    """Move the target between one tone and the next, by the scene's movement."""
     if not echoes.with_target:
         return echoes
-    causes, time_s = echoes.scene.causes.motion, echoes.scene.time_s
-    along = np.array(causes.direction) / np.linalg.norm(causes.direction)
-    phases = [generator(seed).uniform(0, 2 * np.pi) for seed in echoes.frame_seeds("motion")]
-    offset_m = np.stack([displacement_m(causes, time_s, phase) for phase in phases])
-    return echoes.record(echoes_of_moving(echoes, along, offset_m, reach_m(causes, time_s)))
+    scene, causes = echoes.scene, echoes.scene.causes.motion
+    if _why_not_as_a_whole(scene):
+        return echoes.record(echoes_at_each_tone(echoes))
+    starts = frame_starts(scene, echoes.frames)
+    offset_m = np.stack([displacement_m(causes, scene.time_s, s.tremor_rad) for s in starts])
+    reach = reach_m(causes, scene.time_s)
+    return echoes.record(echoes_of_moving(echoes, causes.along, offset_m, reach))
 
 
-def estimate_motion(scene: EchoScene) -> QuickEstimate:
+def way_of_motion(scene: EchoScene) -> str:
+    """Say in words how the target's motion is simulated, and why so."""
+    if reason := _why_not_as_a_whole(scene):
+        return f"{reason}: every tone sees the surface at its time"
+    return f"moves as a whole by {_range_mm(scene)}: echoes of few displacements are interpolated"
+
+
+def _why_not_as_a_whole(scene: EchoScene) -> str:
+    """Return why the motion cannot be simulated by few displacements, in words; "" if it can."""
+    if scene.bent is not None:
+        return "fingers move"
+    if reshapes(scene):
+        return "the target turns"
+    if scene.frame_period_s is not None:
+        return "frames follow each other"
+    low, high = reach_m(scene.causes.motion, scene.time_s)
+    residual_rad = _residual_rad(bare_echoes(scene), scene.causes.motion.along, high - low)
+    return (
+        f"moves as a whole by {_range_mm(scene)}"
+        if residual_rad > MOST_NODES * RESIDUAL_RAD
+        else ""
+    )
+
+
+def _range_mm(scene: EchoScene) -> str:
+    return f"{1e3 * float(np.ptp(reach_m(scene.causes.motion, scene.time_s))):.2g} mm"
+
+
+def motion_cost_s(scene: EchoScene) -> float:
+    """Estimate the CPU seconds that the motion of one frame takes: of one displacement more, at
+    least, or of the echoes of each tone by itself."""
+    if not _why_not_as_a_whole(scene):
+        return echo_s(scene)
+    facets = 0 if scene.target is None else 4 * len(coarse_surface(scene, scene.body))
+    return len(scene.frequencies_hz) * (0.05 + facets * (FACET_S + TONE_S))
+
+
+def estimate_motion(scene: EchoScene) -> QuickEstimate | None:
     """Estimate how much motion changes depths: (f/Δf)·Δδ, where Δδ is the mean motion between the
-    highest tone f and another one Δf below it, for the tone with the largest such value."""
+    highest tone f and another one Δf below it, for the tone with the largest such value. None
+    (unknown) where every tone sees the surface at its time."""
+    if _why_not_as_a_whole(scene):
+        return None
     top = int(scene.frequencies_hz.argmax())
     below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
-    below_hz[top] = np.inf
+    below_hz[below_hz == 0] = np.inf
     moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
     worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
     return QuickEstimate(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
@@ -57,14 +109,6 @@ def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
     """
     sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
     return sine_m + abs(motion.velocity_m_s) * apart_s
-
-
-def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
-    """Return the target's displacement [f], in metres, at the time time_s [f] of each tone,
-    relative to its place at the start of the frame. phase_rad: phase of the tremor at the start of
-    the frame."""
-    sine = np.sin(2 * np.pi * motion.frequency_hz * time_s + phase_rad) - np.sin(phase_rad)
-    return motion.amplitude_m * sine + motion.velocity_m_s * time_s
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:
@@ -84,20 +128,13 @@ def echoes_of_moving(
     f]: complex64 [frame, f, t, r].
 
     reach: least and largest displacement; echoes are computed at a few displacements between these
-    and interpolated. Raises HandbenchError for a motion so large that it would need too many.
+    and interpolated.
     """
     frequencies_hz = echoes.scene.frequencies_hz
-    middle_m, spread = _middle(echoes, along)
     low, high = reach
-    residual_rad = 4 * np.pi * frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * (high - low)
-    if residual_rad > MOST_NODES * RESIDUAL_RAD:
-        raise HandbenchError(
-            f"target.motion: the target moves by {1e3 * (high - low):.0f} mm within a frame, but "
-            "the simulation allows only millimetres; lower velocity_m_s, use fewer tones, or "
-            "lower sensor.step_time_s"
-        )
+    residual_rad = _residual_rad(echoes, along, high - low)
     nodes_m = np.linspace(low, high, 2 + int(residual_rad / RESIDUAL_RAD))
-    slope = _slope(echoes, along, middle_m)
+    slope = _slope(echoes, along, echoes.points_m.mean(axis=0))
     # After a phase of −slope·δ, the echoes of all displacements are similar.
     extra = echoes.extra_echoes()
     turned = (phasor(-node * slope, frequencies_hz[:, None, None], -1) for node in nodes_m)
@@ -117,13 +154,15 @@ def echoes_of_moving(
     return samples
 
 
-def _middle(echoes: Echoes, along: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the mean position [3] of the target's points, and the largest difference between the
-    direction cosines to `along` of a point and of this mean, both seen from the origin."""
+def _residual_rad(echoes: Echoes, along: np.ndarray, range_m: float) -> float:
+    """Return the phase by which, over a displacement of range_m along the unit vector `along`, some
+    point of the target differs from the points' mean: 4πf/c · range_m · the largest difference
+    between the direction cosines of both, seen from the origin."""
     points_m = echoes.points_m
     middle_m = points_m.mean(axis=0)
     cosine = points_m @ along / np.linalg.norm(points_m, axis=1)
-    return middle_m, float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
+    spread = float(np.abs(cosine - middle_m @ along / np.linalg.norm(middle_m)).max())
+    return 4 * np.pi * echoes.scene.frequencies_hz.max() / SPEED_OF_LIGHT_M_S * spread * range_m
 
 
 def _slope(echoes: Echoes, along: np.ndarray, middle_m: np.ndarray) -> np.ndarray:

@@ -181,15 +181,15 @@ def thermal_noise(
     σ_φ = √N σ / (√2 A) per tone, and √N σ / A between two tones of equal amplitude A: σ =
     phase_noise_rad · A / √N.
 
-    The random numbers of a tone depend only on `seed` and on the tone's frequency, not on the other
-    tones.
+    The random numbers of a tone depend only on `seed`, on the tone's frequency and on how often it
+    was measured before, not on the other tones.
     """
     sigma = phase_noise_rad * strongest / np.sqrt(samples[0].size)
     noisy = np.empty_like(samples)
     for f, frequency_hz in enumerate(frequencies_hz):
-        generator = np.random.default_rng(
-            np.random.SeedSequence([*seed, round(float(frequency_hz))])
-        )
+        before = int((frequencies_hz[:f] == frequency_hz).sum())
+        keys = [*seed, round(float(frequency_hz)), *([before] if before else [])]
+        generator = np.random.default_rng(np.random.SeedSequence(keys))
         noise = generator.standard_normal((*samples[f].shape, 2), dtype=np.float32) * np.float32(
             sigma / np.sqrt(2)
         )

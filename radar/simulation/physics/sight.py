@@ -132,7 +132,7 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     """
     around = body.faces[facets.face]
     corners_m = body.vertices_m[around]
-    share = _barycentric(corners_m, facets.position_m)
+    share = barycentric(corners_m, facets.position_m)
     edges_m = np.sqrt(((corners_m - corners_m[:, [2, 0, 1]]) ** 2).sum(axis=2)).max(
         axis=1, initial=0
     )
@@ -144,7 +144,7 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
         corners_m[coarse] = quarters(corners_m[coarse]).reshape(4, len(coarse), 3, 3)[
             part, np.arange(len(coarse))
         ]
-        share[coarse] = _barycentric(corners_m[coarse], facets.position_m[coarse])
+        share[coarse] = barycentric(corners_m[coarse], facets.position_m[coarse])
         edges_m[coarse] /= 2
     if fine:  # the mesh's vertices
         used = np.bincount(around.ravel(), minlength=len(body.vertices_m)) > 0
@@ -164,7 +164,7 @@ def samples_of(body: Body, facets: Facets, samples_m: float = SAMPLES_M) -> Samp
     return Samples(points_m, around, share, samples_m)
 
 
-def _barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+def barycentric(corners_m: np.ndarray, points_m: np.ndarray) -> np.ndarray:
     """Return the barycentric coordinates [n, 3] of points [n, 3], each in its own triangle
     (corners_m [n, 3, 3])."""
     a, b, c = (corners_m[:, i] for i in range(3))

@@ -10,6 +10,7 @@ from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import of_captures, over_frames
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
+from handbench.bench.evaluation.velocity_errors import VELOCITY
 from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(24)
@@ -24,8 +25,9 @@ def test_an_unknown_protocol_names_the_nearest():
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
 def test_the_table_holds_the_protocols_metrics(chosen):
     m = error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)
+    velocities = dict.fromkeys(VELOCITY, 1.0)
     rows = [
-        accuracy_rows("3fsk", "truth", of_captures([m]), chosen),
+        accuracy_rows("3fsk", "truth", of_captures([m]).assign(**velocities), chosen),
         time_rows("3fsk", "truth", [0.1]),
     ]
     rows.append(frame_rows("3fsk", "truth", [over_frames(np.ones(2), np.ones(2))], chosen))

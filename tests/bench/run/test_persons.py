@@ -45,9 +45,28 @@ def test_every_person_is_a_capture(tmp_path: Path) -> None:
     assert list(problems_of(str(path))) == []
 
 
+def test_values_of_a_scene_are_replaced(tmp_path: Path) -> None:
+    changes = "set = { target.motion.velocity_m_s = 0.1, sensor.step_time_s = 2e-3 }"
+    path = bench_file(tmp_path, f'{HAND}\nsuffix = "fast"\n{changes}', HAND)
+    bench, base = load_benchmark(str(path))
+    stages = [jobs.opening(bench, base, source, 1) for source in bench.capture]
+    assert [stage.capture for stage in stages] == ["B-fast", "B"]
+    fast, before = (stage.arguments["scene"] for stage in stages)
+    assert fast["target"]["motion"].pop("velocity_m_s") == 0.1
+    assert before["target"]["motion"].pop("velocity_m_s") == 0
+    assert fast["sensor"].pop("step_time_s") == 2e-3 and before["sensor"].pop("step_time_s")
+    assert fast | {"name": "B"} == before  # all else is as it was, and so is the seed
+    assert list(problems_of(str(path))) == []
+    wrong = bench_file(tmp_path, f'{HAND}\nsuffix = "fast"\nset = {{ target.person = "me" }}')
+    [problem] = problems_of(str(wrong))
+    assert "scene 'B-fast': 'target.person' is 'me'" in problem.text and problem.line == 6
+
+
 @pytest.mark.parametrize(
     ("capture", "words"),
     [
+        (f"{HAND}\nset = {{ seed = 1 }}", "set is given without suffix"),
+        ('path = "capture"\nsuffix = "fast"', "set or suffix is given without a scene"),
         (f"{HAND}\npersons = [0]", "persons"),
         (f"{HAND}\npersons = [3, 3]", "a value is listed twice"),
         ('path = "capture"\npersons = [1]', "persons are given without a scene"),

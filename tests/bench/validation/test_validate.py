@@ -223,6 +223,20 @@ def test_every_file_of_a_capture_that_is_wrong(tmp_path):
     assert places >= {"array.json", "empty.h5"}  # they need the echoes
 
 
+def test_frames_without_their_truths_are_named(tmp_path):
+    folder = make_capture(tmp_path / "a", frames=2)
+    (folder / "truth").mkdir()
+    for frame in range(3):
+        shutil.copyfile(folder / "truth.ply", folder / "truth" / f"{frame:03d}.ply")
+    words = "has 3 surfaces, but the capture has 2 frames"
+    assert any(p.startswith("truth: ") and words in p for p in found_in(folder))
+    (folder / "truth" / "002.ply").unlink()
+    assert not any("frames" in problem for problem in found_in(folder))
+    (folder / "truth" / "001.ply").unlink()
+    words = r"truth: .*001\.ply is missing, but the capture has 2 frames"
+    assert any(re.match(words, problem) for problem in found_in(folder))
+
+
 def test_a_capture_without_its_parts_is_named(tmp_path):
     folder = make_capture(tmp_path / "a", kind="target")
     same(found_in(folder), (".", "capture of the calibration target without target.toml"))

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.motion import displacement_m, echoes_of_moving
+from handbench.radar.simulation.effects.motion import echoes_of_moving
+from handbench.radar.simulation.movement import displacement_m
 from handbench.radar.simulation.scene_echoes import bare_echoes
-from handbench.support.errors import HandbenchError
-from tests.radar.simulation.effects.plates import sheet, sphere_body
+from tests.radar.simulation.effects.plates import sheet
 from tests.radar.simulation.effects.small_scenes import (
     NEAR_SIDE_M,
     TONES_HZ,
@@ -63,13 +63,3 @@ def test_frames_have_their_own_tremor():
         first[0]
     )  # nothing has moved at the first tone
     assert np.linalg.norm(first[2] - second[2]) > 1e-2 * np.linalg.norm(first[2])
-
-
-def test_a_target_that_flies_is_refused():
-    with pytest.raises(HandbenchError, match=r"target\.motion: the target moves by 100 mm"):
-        simulated(
-            bead_scene(
-                {"motion": {"velocity_m_s": 50.0}}, target=sphere_body(0.08, (0.0, 0.0, 0.3))
-            ),
-            "motion",
-        )
