@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from handbench.radar.data.arrays import qar50
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.registry import method
 from handbench.radar.methods.tracking import track
 from handbench.support.errors import HandbenchError
+from tests.radar.direct_sums import direct_echoes
 
 SIGMA_M, SIGMA_M_S, ACCELERATION_M_S2 = 3e-4, 4e-3, 1.0
 X_M, Y_M = 1e-4 * np.arange(-20, 21), 1e-4 * np.arange(-25, 26)  # on the axis: u = 1
@@ -143,3 +147,46 @@ def test_one_frame_is_unchanged():
 def test_maps_that_cannot_be_tracked_are_refused(second, words):
     with pytest.raises(HandbenchError, match=words):
         list(track([measured(0.3, 0.0), second], [0.0, 0.004], ACCELERATION_M_S2))
+
+
+PIXELS = {axis: {"start_m": -0.006, "stop_m": 0.006, "step_m": 0.001} for axis in "xy"}
+
+
+def receding_point(frames, frame_times_s) -> RadarCapture:
+    """A point that recedes from 0.3 m by 0.1 m/s; each tone is measured at its own time."""
+    hz, times_s = np.array([82e9, 81.8e9, 79.5e9, 82e9]), 1e-3 * np.arange(4)
+    starts_s = np.zeros(frames) if frame_times_s is None else frame_times_s
+    samples = [
+        [
+            direct_echoes(np.array([[0, 0, 0.3 + 0.1 * (start + t)]]), np.ones(1), [f], qar50())[0]
+            for f, t in zip(hz, times_s, strict=True)
+        ]
+        for start in starts_s
+    ]
+    return RadarCapture(
+        np.array(samples, np.complex64), hz, qar50(), times_s=times_s, frame_times_s=frame_times_s
+    )
+
+
+def test_the_method_follows_a_point_and_does_not_depend_on_which_frames_were_asked_before():
+    chosen = method("3fsk-doppler-tracked")
+    config = chosen.configure(PIXELS, "test")
+    capture = receding_point(4, 0.01 * np.arange(4))
+    in_order = [chosen.run(capture, config, frame).depth for frame in (0, 1, 2, 2, 3)]
+    again = replace(capture)  # another object: nothing is known of its frames
+    for frame, before in ((3, in_order[4]), (1, in_order[1]), (2, in_order[3]), (2, in_order[2])):
+        found = chosen.run(again, config, frame).depth
+        for name in ("z_m", "velocity_m_s", "sigma_m", "velocity_sigma_m_s"):
+            assert np.array_equal(getattr(found, name), getattr(before, name), equal_nan=True)
+    first = method("3fsk-doppler").run(capture, method("3fsk-doppler").configure(PIXELS, "t"), 0)
+    assert np.array_equal(first.depth.z_m, in_order[0].z_m, equal_nan=True)
+    assert in_order[4].z_m[6, 6] == pytest.approx(0.303, abs=2e-5)
+    assert in_order[4].velocity_m_s[6, 6] == pytest.approx(0.1, rel=0.01)
+
+
+def test_frames_without_times_are_refused_and_one_frame_needs_none():
+    chosen = method("3fsk-doppler-tracked")
+    config, capture = chosen.configure(PIXELS, "test"), receding_point(2, None)
+    assert np.isfinite(chosen.run(capture, config, 0).depth.velocity_m_s).any()
+    with pytest.raises(HandbenchError, match="frame_times_s: are missing"):
+        chosen.run(capture, config, 1)
