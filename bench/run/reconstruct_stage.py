@@ -101,11 +101,13 @@ def read_times(folder: Path) -> dict[str, Any]:
 def measuring_times(echoes: RadarCapture) -> dict[str, Any]:
     """Return when the echoes were measured, for timing.json: step_time_s, the median time from one
     tone to the next, and frame_times_s, the start of each frame; without those that are unknown."""
-    steps_s, starts_s = echoes.times_s, echoes.frame_times_s
-    step = steps_s is not None and len(steps_s) > 1
-    return ({"step_time_s": float(np.median(np.diff(np.sort(steps_s))))} if step else {}) | (
-        {} if starts_s is None else {"frame_times_s": starts_s.tolist()}
-    )
+    found: dict[str, Any] = {}
+    if echoes.times_s is not None and len(echoes.times_s) > 1:
+        step_s = np.median(np.diff(np.sort(echoes.times_s)))
+        found["step_time_s"] = round(float(step_s), 12)  # without the differences' rounding
+    if echoes.frame_times_s is not None:
+        found["frame_times_s"] = echoes.frame_times_s.tolist()
+    return found
 
 
 class Images(NamedTuple):
