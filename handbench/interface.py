@@ -181,7 +181,7 @@ class Plottable:
 class Depth(Plottable):
     """A depth map in the radar's frame: pixel centres x_m [nx], y_m [ny], metres; depths z_m [ny,
     nx], metres, NaN where no surface was observed; and amplitudes amplitude_db [ny, nx]. It has all
-    attributes of `DepthMap`.
+    attributes of `DepthMap`, as velocity_m_s [ny, nx] of methods that measure radial velocities.
 
     Args:
         map: the depth map as `DepthMap`.
@@ -218,9 +218,9 @@ class Depth(Plottable):
         from handbench.bench.results import SurfaceMap
         from handbench.reports.figures.layers import depth_layers, layers_figure
 
-        return layers_figure(
-            depth_layers(SurfaceMap(self.x_m, self.y_m, self.z_m), {}), self.method
-        )
+        surface = SurfaceMap(self.x_m, self.y_m, self.z_m)
+        velocity = {} if self.velocity_m_s is None else {"velocity_m_s": self.velocity_m_s}
+        return layers_figure(depth_layers(surface, velocity), self.method)
 
     def points_m(self) -> np.ndarray:
         """Return the pixels with a depth as points [n, 3], metres in the radar's frame."""
