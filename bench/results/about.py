@@ -21,7 +21,7 @@ from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 SHARES = ("observed_percent", "complete_2mm_percent")
 # read at a glance
 HEADLINES = (HEADLINE, "floor_mm", "max_mm", *SHARES, *EQUAL_METRICS, "precision_mm", "seconds")
-HEADLINES += ("velocity_mae_mm_s",)
+HEADLINES += ("velocity_mae_mm_s", "velocity_beyond_percent")
 # completed: by the truth, where photogrammetry has no surface
 REFERENCES = ("photogrammetry", "completed", "truth")
 Reference = Literal["photogrammetry", "completed", "truth"]

@@ -58,6 +58,9 @@ ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker ev
     "broadband-subvoxel",
     "broadband-aligned",
     "joint",
+    "2fsk-doppler",
+    "3fsk-doppler",
+    "nfsk-doppler",
 )
 COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for light and dark pages
     "#0072B2",
