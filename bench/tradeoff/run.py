@@ -25,9 +25,16 @@ from handbench.bench.run.executors import LocalExecutor
 from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.planned_cost import of_sweep, one_after_another
 from handbench.bench.run.runner import Run
-from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, imaging_settings, known_configs
+from handbench.bench.run.sweep import (
+    TradeoffSweep,
+    complete_sweep,
+    imaging_settings,
+    known_configs,
+    motion_settings,
+)
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.imaging import measure_imaging
+from handbench.bench.tradeoff.motion import measure_motion
 from handbench.bench.tradeoff.settings import (
     MeasuredSection,
     TradeoffInputs,
@@ -51,6 +58,7 @@ MEASURE = {
     "groundtruth": measure_groundtruth,
     "simulation": measure_simulation,
     "registration": measure_registration,
+    "motion": measure_motion,
 }
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 STEP = (
@@ -85,6 +93,8 @@ def run(
     bench = bench.model_copy(update={"tradeoff": sweep})
     # errors are reported before anything is measured
     settings = imaging_settings(sweep, known_configs(bench.method))
+    if "motion" in sweep.sections:
+        motion_settings(sweep, known_configs(bench.method))
     predicted = of_sweep(bench, base, sweep, settings)
     ahead = one_after_another(predicted.values())
     what = f"{', '.join(sweep.sections)}: {len(bench.capture)} captures"
