@@ -62,8 +62,8 @@ class MappedCapture(NativeCapture):
         """
         mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
         names = {name for array in arrays for name in array.datasets}
-        if mapping.frequencies.dataset is not None:
-            names.add(mapping.frequencies.dataset)
+        of_all = (mapping.frequencies.dataset, mapping.times_s, mapping.frame_times_s)
+        names |= {name for name in of_all if isinstance(name, str)}
         try:
             read = read_arrays(self.folder, names, mapping.file, MAPPING)
             capture = join_arrays([_recording(read, mapping, array).capture() for array in arrays])
@@ -98,6 +98,11 @@ def _recording(read: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
                 f"{name} has {len(table)} antennas; expected one, or '{name}' in samples.axes"
             )
     samples, gains = _samples_and_gains(read, array, counts)
+    times_s = {
+        name: _column(read, column)
+        for name in ("times_s", "frame_times_s")
+        if (column := getattr(mapping, name)) is not None
+    }
     tables_m, pairs = _channels(antennas_m, pairs, places_m)
     channels = [len(table) for table in tables_m.values()] if pairs is None else [len(pairs)]
     return Recording(
@@ -111,6 +116,7 @@ def _recording(read: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
             "wave_speed_m_s": mapping.wave_speed_m_s,
             "source": mapping.capture.source or "",
             "licence": mapping.licence,
+            **times_s,
         },
     )
 

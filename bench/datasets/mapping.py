@@ -252,12 +252,15 @@ class ArrayMapping(Config):
 
 class Mapping(ArrayMapping):
     """The content of `mapping.toml`. file: the one of names without a file; capture: the keys of a
-    `capture.toml`; array: further arrays, whose receivers record only their own transmitters."""
+    `capture.toml`; times_s, frame_times_s: when each tone of a frame and each frame was measured,
+    seconds; array: further arrays, whose receivers record only their own transmitters."""
 
     version: Literal[1]
     file: InFile | None = None
     capture: CaptureFile
     frequencies: FrequenciesMapping
+    times_s: Column | None = None
+    frame_times_s: Column | None = None
     wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
     licence: str = ""
     array: tuple[ArrayMapping, ...] = ()

@@ -21,6 +21,8 @@ from handbench.support.errors import HandbenchError
 
 EXAMPLE_M_S = 0.1  # of a slow gesture
 SHOWN_M = 2e-4  # a shift by motion that is worth a sentence
+ABOVE_NOISE = 2.0  # times that velocities exceed those of noise if the target moves
+TINY = 1e-30
 PROBED = 400  # pixels whose velocity is measured for it
 NEAR_LIMIT, MANY = 0.8, 0.01  # of the unambiguous velocity; share of pixels
 CLIMB = 12.5  # ratio of the reaches of two successive rungs: 200 MHz to 2.5 GHz in the paper
@@ -187,7 +189,11 @@ def motion_notes(
     samples = scaled_to_one(capture.samples[frame][repetition.measured])
     first, last = image_points(samples, hz, capture.aperture, points_m, None, apart=True)
     speed_m_s = float(np.median(np.abs(repetition.velocity_m_s(last * np.conj(first)))))
-    if speed_m_s * shift_m_s > SHOWN_M:
+    # noise changes amplitudes as much as phases, motion hardly changes them
+    first, last = np.abs(first), np.abs(last)
+    noise_rad = float(np.median(np.abs(last - first) / np.maximum((last + first) / 2, TINY)))
+    moves = speed_m_s > ABOVE_NOISE * noise_rad / np.pi * repetition.limit_m_s
+    if moves and speed_m_s * shift_m_s > SHOWN_M:
         yield (
             f"the target moves: its radial velocity of {speed_m_s:.2g} m/s (median of the "
             f"pixels) shifts the depths of {depth.method} by about "

@@ -383,7 +383,7 @@ def weights_of(method: str) -> np.ndarray:
     there are any, else those of the method that it is a variant of, else those for any method."""
     return next(
         known_weights()[id]
-        for id in (method, method.rpartition("-")[0], "any")
+        for id in (method, method.partition("-")[0], "any")
         if id in known_weights()
     )
 

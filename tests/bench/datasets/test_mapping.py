@@ -83,6 +83,14 @@ def test_a_file_of_matlab(folder):
     assert same(capture) and open_capture(folder).echoes(1).samples.shape == (1, 5, 3, 4)
 
 
+def test_times_of_tones_and_frames(folder):
+    replaced(folder, **{"set/t": np.array([[3.0], [3.1]])})
+    steps = {"start": 0, "step": 1e-3, "count": 5}
+    capture = described(folder, mapping() | {"times_s": steps, "frame_times_s": "set/t"})
+    np.testing.assert_allclose(capture.times_s, 1e-3 * np.arange(5))
+    np.testing.assert_allclose(capture.frame_times_s, [3.0, 3.1])
+
+
 def test_pairs_gains_sweeps_and_a_slower_wave(folder):
     """xr(pair, sweep, f, frame), counted from 1 as MATLAB does; a pair was not measured, one gain
     is 0."""
