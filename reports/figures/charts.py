@@ -134,7 +134,7 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
             xlabel="|z − z_ref| in mm",
             title=AGAINST[reference],
         )
-        axis.set_ylabel("share of observed pixels in %")
+        axis.set_ylabel("pixels in %")
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "error_distribution",
