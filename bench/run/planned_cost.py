@@ -16,7 +16,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.jobs import scene_of
-from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep
+from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep, known_configs, motion_settings
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, EFFORT_SHARES, predict_effort
 from handbench.radar.methods.advice import requested_tones_hz
@@ -93,6 +93,15 @@ def of_sweep(
         "simulation": Work(BODY_S * sweep.repeats * len(simulated.scenes) * ways),
         "registration": Work(PLACED_S * placed.trials * max(placed.captures)),
     }
+    if "motion" in sweep.sections:
+        knobs = sweep.motion
+        moved = {speed_m_s * step_s for speed_m_s in knobs.speed_m_s for step_s in knobs.step_s}
+        frames = [
+            imaging(method(s.method).configure(s.config, s.name), exact=False)
+            for s in motion_settings(sweep, known_configs(bench.method))
+        ]
+        times = len(knobs.speed_m_s) * len(knobs.step_s)
+        sections["motion"] = one_after_another([Work(HAND_S * len(moved)), *frames * times])
     opened = of_run(bench.model_copy(update={"method": ()}), base).values()
     return {"captures": one_after_another(opened)} | {
         name: sections[name] for name in sweep.sections

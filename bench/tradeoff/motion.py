@@ -58,7 +58,7 @@ WHERE = "tradeoff.motion"
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class MotionFrame:
     """The frame of one imaging setting: its configuration, and its tones in the order in which they
     are measured, [f] Hz."""
 
@@ -67,7 +67,7 @@ class Frame:
     tones_hz: np.ndarray
 
     @classmethod
-    def of(cls, setting: ImagingSetting) -> "Frame":
+    def of(cls, setting: ImagingSetting) -> "MotionFrame":
         """Return the frame that a setting needs; for a velocity, its first tone is repeated."""
         config = method(setting.method).configure(setting.config, WHERE)
         tones_hz = requested_tones_hz(config)
@@ -88,7 +88,7 @@ def measure_motion(inputs: TradeoffInputs) -> MeasuredSection:
     time, on a simulated hand. The time of a setting is that to measure its frame."""
     knobs = inputs.sweep.motion
     frames = [
-        Frame.of(s) for s in motion_settings(inputs.sweep, known_configs(inputs.bench.method))
+        MotionFrame.of(s) for s in motion_settings(inputs.sweep, known_configs(inputs.bench.method))
     ]
     tones = {(hz, step) for frame in frames for step, hz in enumerate(frame.tones_hz.tolist())}
     scene = _scene(sorted(tones, key=lambda tone: tone[::-1]), inputs.bench.seed)
@@ -171,7 +171,7 @@ def echoes(scene: EchoScene, motion_m: float) -> RadarCapture:
     return simulate_scene(moving, choose(moving, effects, tolerance_mm=0.0)).capture
 
 
-def image(capture: RadarCapture, steps: np.ndarray, frame: Frame, step_s: float) -> DepthMap:
+def image(capture: RadarCapture, steps: np.ndarray, frame: MotionFrame, step_s: float) -> DepthMap:
     """Image the tones of a frame. steps [f]: when each tone of the capture is measured, in steps;
     step_s: time of a step."""
     measured = list(zip(capture.frequencies_hz.tolist(), steps.tolist(), strict=True))
