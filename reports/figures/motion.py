@@ -1,7 +1,6 @@
 """Figures of moving scenes: error over speed, and error over the time of the frames."""
 
 from matplotlib.figure import Figure
-from matplotlib.ticker import SymmetricalLogLocator
 
 from handbench.bench.results import HEADLINE, CaptureFacts, Result
 from handbench.bench.results.derived import START
@@ -34,9 +33,8 @@ def errors_over_speed(result: Result) -> Picture:
             axis.plot(marked.speed_mm_s, marked[metric], "o", **ring)
         log_axis(axis, "y")
         axis.set_ylabel(f"{result.title(metric)} in {result.about.metrics[metric].unit}")
-    axes[-1].set_xscale("symlog", linthresh=LINEAR_MM_S)
-    steps = SymmetricalLogLocator(base=10, linthresh=LINEAR_MM_S, subs=(1, 2, 5))
-    axes[-1].xaxis.set_major_locator(steps)
+    axes[-1].set_xscale("symlog", linthresh=LINEAR_MM_S, linscale=0.5)
+    axes[-1].set_xlim(-0.2 * LINEAR_MM_S, 1.5 * max(found.speed_mm_s.max(), LINEAR_MM_S))
     axes[-1].xaxis.set_major_formatter("{x:g}")
     axes[-1].set_xlabel("mean radial speed in mm/s")
     named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
