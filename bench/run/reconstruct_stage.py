@@ -77,8 +77,8 @@ def write_frames(folder: Path, depths: Sequence[DepthMap]) -> None:
     """Write the depths of all frames to frames.npz, and their radial velocities if all have
     them."""
     maps = {"z_m": [depth.z_m for depth in depths]}
-    velocities_m_s = [depth.velocity_m_s for depth in depths]
-    maps |= {} if any(each is None for each in velocities_m_s) else {VELOCITY: velocities_m_s}
+    velocities_m_s = [depth.velocity_m_s for depth in depths if depth.velocity_m_s is not None]
+    maps |= {VELOCITY: velocities_m_s} if len(velocities_m_s) == len(depths) else {}
     write_npz(folder / FRAMES, **{name: np.stack(m).astype(np.float32) for name, m in maps.items()})
 
 
