@@ -50,6 +50,7 @@ from handbench.bench.results.tradeoff import (
     Setting,
     Tradeoff,
     TradeoffFacts,
+    best_at_each_speed,
     load_tradeoff,
     write_tradeoff,
 )
@@ -74,6 +75,7 @@ __all__ += [
     "Setting",
     "Tradeoff",
     "TradeoffFacts",
+    "best_at_each_speed",
     "load_tradeoff",
     "write_tradeoff",
 ]

@@ -209,7 +209,7 @@ def _line(about: Section, row: dict[str, Any]) -> Setting:
     """Make the row of a setting at one speed in the section's table."""
     frame, step_s = row["frame"], row["step_s"]
     tones = len(frame.tones_hz)
-    title = f"{frame.setting.title}, {tones} tones, {1e3 * step_s:g} ms"
+    title = f"{frame.setting.title}, {tones} tones, {1e3 * step_s:g} ms, {row['speed_m_s']:g} m/s"
     knobs = {
         "method": frame.setting.method,
         **frame.setting.varied,
