@@ -39,8 +39,8 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
     """Yield the pictures of a trade-off. For each section, such as imaging or ground truth, this is
-    error against time of its settings (or against the speed of the target), and a bar chart of how the time is divided, if that is
-    known."""
+    error against time of its settings (or against the speed of the target), and a bar chart of how
+    the time is divided, if that is known."""
     for about in found.facts.sections:
         settings = found.section(about.name)
         if any(setting.speed_m_s is not None and setting.error for setting in settings):

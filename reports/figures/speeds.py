@@ -14,7 +14,7 @@ REST = 2.5  # the slowest speed over that at which a target at rest is drawn, on
 def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
     """Plot the error of each method over the speed of the target.
     A point is the method's most accurate setting at that speed; it is hollow if the speed exceeds
-    the setting's largest unambiguous velocity. Large points are the most accurate of all methods."""
+    the setting's largest unambiguous velocity. Large points are the most accurate of all."""
     by_method: dict[str, list[Setting]] = defaultdict(list)
     for s in settings:
         if s.error:
