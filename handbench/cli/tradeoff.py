@@ -80,11 +80,10 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
         counted = count_acquisition and section.name == "imaging"
         if counted:
             settings = rank(with_acquisition(settings), section.reference)
-        print(
-            f"{section.title}: {section.metric} against "
-            f"{'frame and acquisition' if counted else 'time'}"
-        )
-        if any(s.speed_m_s is not None for s in settings):
+        moving = any(s.speed_m_s is not None for s in settings)
+        against = "speed" if moving else "frame and acquisition" if counted else "time"
+        print(f"{section.title}: {section.metric} against {against}")
+        if moving:
             print(_over_speed(section, settings))
             continue
         print(_front(section, settings))

@@ -30,7 +30,17 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
         own = best_at_each_speed(some)
         x, y = [s.speed_m_s or rest for s in own], [s.error for s in own]
         colour, marker = styles[method]
-        axis.plot(x, y, color=colour, marker=marker, markersize=4, linewidth=1.2, label=method)
+        line = "-" if any(s.velocity_limit_m_s for s in some) else "--"
+        axis.plot(
+            x,
+            y,
+            color=colour,
+            marker=marker,
+            markersize=4,
+            linewidth=1.2,
+            linestyle=line,
+            label=method,
+        )
         for s in own:
             hollow = {"markerfacecolor": "white"} if s.beyond_limit else {}
             if hollow or s in best:
@@ -45,6 +55,7 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
                 )
     for side in ("x", "y"):
         log_axis(axis, side)
+    axis.minorticks_off()
     axis.set_xticks([v or rest for v in speeds], [f"{v:g}" for v in speeds])
     axis.set(xlabel="speed of the hand in m/s", ylabel=f"MAE in {about.unit}")
     picture.legend(
@@ -56,7 +67,8 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
     return Picture(
         f"speed_{about.name}",
         f"{about.title}: MAE over the speed of the hand, of each method's most accurate tones and "
-        "step time at that speed. Large points: the most accurate of all methods. Hollow points: "
+        "step time at that speed; solid lines: methods that measure velocities. "
+        "Large points: the most accurate of all methods. Hollow points: "
         "the speed exceeds the largest unambiguous velocity. Both axes are logarithmic; a hand at "
         "rest is at the left end.",
         f"MAE over the speed of {len(by_method)} methods. The most accurate setting at each "
