@@ -1,6 +1,7 @@
 """The picture of a trade-off's settings over the speed of the target."""
 
 from collections import defaultdict
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -28,7 +29,7 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
     axis = picture.subplots()
     for method, some in by_method.items():
         own = best_at_each_speed(some)
-        x, y = [s.speed_m_s or rest for s in own], [s.error for s in own]
+        x, y = [s.speed_m_s or rest for s in own], [s.error or 0.0 for s in own]
         colour, marker = styles[method]
         line = "-" if any(s.velocity_limit_m_s for s in some) else "--"
         axis.plot(
@@ -42,12 +43,12 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
             label=method,
         )
         for s in own:
-            hollow = {"markerfacecolor": "white"} if s.beyond_limit else {}
+            hollow: dict[str, Any] = {"fillstyle": "none"} if s.beyond_limit else {}
             if hollow or s in best:
                 large = 8 if s in best else 4
                 axis.plot(
                     s.speed_m_s or rest,
-                    s.error,
+                    s.error or 0.0,
                     color=colour,
                     marker=marker,
                     markersize=large,
