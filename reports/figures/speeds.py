@@ -41,6 +41,7 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
             linewidth=1.2,
             linestyle=line,
             label=method,
+            markevery=[i for i, s in enumerate(own) if not s.beyond_limit],
         )
         for s in own:
             hollow: dict[str, Any] = {"fillstyle": "none"} if s.beyond_limit else {}
