@@ -187,7 +187,7 @@ class MotionKnobs(Config):
             ImagingEntry(method="2fsk-doppler"),
             ImagingEntry(method="3fsk-doppler", sweep={"f3_hz": (79.5e9, 77e9)}),
             ImagingEntry(method="nfsk-doppler"),
-            ImagingEntry(method="broadband", sweep={"count": (8, 32, 128)}),
+            ImagingEntry(method="broadband", sweep={"count": (8, 32)}),
         ),
         min_length=1,
         max_length=MOST_VALUES,

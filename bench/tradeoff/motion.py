@@ -130,6 +130,7 @@ def measure_motion(inputs: TradeoffInputs) -> MeasuredSection:
                 with recorded_failure(failures, SCENE["name"], "motion", _name(row)):
                     depth = image(noisy, scene.time_s, frame, step_s)
                     on_grid = reference(tuple(depth.x_m), tuple(depth.y_m))
+                    assert on_grid.velocity_m_s is not None  # as the surface has
                     later_m = frame.reference_steps * motion_m
                     moved = on_grid._replace(
                         z_m=on_grid.z_m + later_m, velocity_m_s=speed_m_s * on_grid.velocity_m_s
@@ -209,7 +210,7 @@ def _line(about: Section, row: dict[str, Any]) -> Setting:
     """Make the row of a setting at one speed in the section's table."""
     frame, step_s = row["frame"], row["step_s"]
     tones = len(frame.tones_hz)
-    title = f"{frame.setting.title}, {tones} tones, {1e3 * step_s:g} ms"
+    title = f"{frame.setting.title}, {tones} tones, {1e3 * step_s:g} ms, {row['speed_m_s']:g} m/s"
     knobs = {
         "method": frame.setting.method,
         **frame.setting.varied,
