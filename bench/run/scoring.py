@@ -191,7 +191,7 @@ def read_reference(
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
     if not covariance.size:
-        return Reference(z_m, mesh_sigma_m, met=met)
+        return Reference(z_m, mesh_sigma_m, None, None, met)
     registration = replace(transform, covariance=covariance)
     return Reference(z_m, mesh_sigma_m, leverage, registration, met)
 
