@@ -41,7 +41,7 @@ def run(options: argparse.Namespace) -> None:
         )
     free_folder(options.out, options.overwrite, WRITTEN)
     show(simulate_capture(load_scene(options.scene), options.out, options.frames))
-    say(f"capture: {options.out}")
+    say(f"the capture is in {options.out}")
 
 
 def _is_benchmark(path: Path) -> bool:

@@ -47,11 +47,10 @@ def run(options: argparse.Namespace) -> None:
     print(f"report: {build(options.out, options.out / 'report')}")
     if error_mm or seconds:
         chosen, asked = answer(found, error_mm, seconds, options.count_acquisition)
-        figures = f"MAE {_text(chosen.error)} mm ({_range(chosen.low, chosen.high)})"
-        times = (
-            f"{_text(1e3 * (chosen.seconds or 0.0))} ms "
-            f"({_range(chosen.seconds_low, chosen.seconds_high, 1e3)})"
-        )
+        ends = _range(chosen.low, chosen.high)
+        ends_ms = _range(chosen.seconds_low, chosen.seconds_high, 1e3)
+        figures = f"MAE {_text(chosen.error)} mm" + (f" ({ends})" if ends else "")
+        times = f"{_text(1e3 * (chosen.seconds or 0.0))} ms" + (f" ({ends_ms})" if ends_ms else "")
         print(f"{asked}: {chosen.name}, {figures}, {times}")
         print(f"handbench run {setting_path(found.folder, chosen.name)} -o RESULTS")
 
