@@ -69,7 +69,7 @@ def _entries(section: str) -> Iterator[list[str]]:
         lines = {
             "plugins": [
                 *(f"{m.id}: by {with_version(m.distribution)}" for m in known if m.distribution),
-                *(f"{name}: could not be loaded: {reason}" for name, reason in BROKEN.items()),
+                *(f"{name}: {reason} (not loaded)" for name, reason in BROKEN.items()),
             ],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),
