@@ -6,6 +6,7 @@ from collections.abc import Callable
 import matplotlib
 import numpy as np
 import pandas as pd
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.scale import SymmetricalLogTransform
@@ -49,8 +50,8 @@ def plot(result: Result, kind: str) -> Figure:
     if kind not in KINDS:
         hint = suggest(kind, list(KINDS))
         raise HandbenchError(f"plot: unknown kind '{kind}'; {hint} (known: {', '.join(KINDS)})")
-    has, needs, picture = KINDS[kind]
-    if not has(result):
+    has_data, needs, picture = KINDS[kind]
+    if not has_data(result):
         raise HandbenchError(
             f"{result.folder}: has no {needs}, which '{kind}' draws; choose another kind "
             f"({', '.join(KINDS)})"
@@ -155,12 +156,12 @@ def bland_altman(result: Result) -> Picture:
     everywhere = np.concatenate([mean_mm for mean_mm, _ in pairs])
     edges = np.linspace(everywhere.min(), everywhere.max() + 1e-9, BINS + 1)
     symlog = SymmetricalLogTransform(10, LINEAR_MM, 1)
-    reach = symlog.transform(np.array([-LARGEST_MM, LARGEST_MM]))
-    edges_mm = symlog.inverted().transform(np.linspace(*reach, BINS + 1))
+    low, high = symlog.transform(np.array([-LARGEST_MM, LARGEST_MM]))
+    edges_mm = symlog.inverted().transform(np.linspace(low, high, BINS + 1))
     counts = [np.histogram2d(*pair, (edges, edges_mm))[0].T for pair in pairs]
-    norm, drawn = LogNorm(1, max(2, *(count.max() for count in counts))), None
+    norm = LogNorm(1, max(2, *(count.max() for count in counts)))
     for i, (axis, method, count) in enumerate(zip(axes, shown, counts, strict=False)):
-        drawn = axis.pcolormesh(edges, edges_mm, np.ma.masked_equal(count, 0), norm=norm)
+        axis.pcolormesh(edges, edges_mm, np.ma.masked_equal(count, 0), norm=norm)
         error_mm = pairs[i][1]
         bias_mm, reach_mm = error_mm.mean(), AGREE * error_mm.std()
         for level_mm, line in (
@@ -178,7 +179,8 @@ def bland_altman(result: Result) -> Picture:
         axis.set_axis_off()
     figure.supxlabel("(z + z_ref)/2 in mm", fontsize="medium")
     figure.supylabel("z − z_ref in mm", fontsize="medium")
-    bar = figure.colorbar(drawn, ax=axes, label="pixels", location="top", aspect=40)
+    scale = ScalarMappable(norm)
+    bar = figure.colorbar(scale, ax=axes, label="pixels", location="top", aspect=40)
     bar.ax.xaxis.set_major_formatter("{x:g}")
     return Picture(
         "bland_altman",
@@ -216,13 +218,12 @@ def _pairs_mm(result: Result, method: str, reference: str) -> tuple[np.ndarray, 
     return mean_mm[seen], error_mm[seen]
 
 
-Has, Draw = Callable[[Result], bool], Callable[[Result], Picture]
 # name: whether a result has the data, what that is, and the function that draws it
-KINDS: dict[str, tuple[Has, str, Draw]] = {
+KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[[Result], Picture]]] = {
     "captures": (lambda r: bool(len(_maes(r))), "errors of captures", error_of_captures),
     "ecdf": (lambda r: bool(_references(r)), "error maps", ecdf),
     "bland-altman": (lambda r: bool(_references(r)), "error maps", bland_altman),
-    "frames": (lambda r: _maes(r).frame.any(), "errors of several frames", error_over_frames),
+    "frames": (lambda r: bool(_maes(r).frame.any()), "errors of several frames", error_over_frames),
     "time": (lambda r: bool(len(_maes(r))), "errors of captures", accuracy_against_time),
     "coverage": (lambda r: bool(len(r.curves)), "risk–coverage curves", risk_coverage),
     "repeats": (lambda r: bool(len(r.repeats)), "repeated frames", repeats),

@@ -73,9 +73,9 @@ def _tables(compared: Compared) -> Iterator[tuple[str, tuple[str, ...], Rows]]:
         against = f" against {reference}" if reference else ""
         title = f"{first.metric_title} ({first.unit}){against}"
         rows = [row for _, of in lines.groupby("method", sort=False) for row in _rows(of)]
-        heads = ("", "", "A", "B", "B − A", "p", "better", "needs hands")
+        heads = ["", "", "A", "B", "B − A", "p", "better", "needs hands"]
         if metric == "seconds":
-            heads = ("", "", *_machines(compared), "B − A", "B / A")
+            heads = ["", "", *_machines(compared), "B − A", "B / A"]
         filled = [i for i, cells in enumerate(zip(*rows, strict=True)) if any(cells)]
         yield title, tuple(heads[i] for i in filled), [tuple(r[i] for i in filled) for r in rows]
 
