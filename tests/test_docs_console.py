@@ -19,6 +19,7 @@ import pytest
 
 from handbench.cli.main import main
 from handbench.radar.methods.registry import METHODS, method
+from handbench.support.progress import ERASE_LINE
 from tests.test_docs import DOCS, FENCE, ROOT, blocks, toml_of
 
 TOLERANCE = 0.02
@@ -43,7 +44,7 @@ class Session:
             output = Terminal()
             with contextlib.redirect_stdout(output), contextlib.redirect_stderr(output):
                 code = main(shlex.split(command, comments=True)[1:])
-            self.printed[asked] = code, output.getvalue()
+            self.printed[asked] = code, output.getvalue().replace(ERASE_LINE, "")
         return self.printed[asked]
 
 
