@@ -249,7 +249,7 @@ class Depth(Plottable):
 
             raise HandbenchError(
                 f"to_xarray: needs the library xarray, which cannot be imported ({error}); run "
-                "pip install xarray"
+                "pip install 'handbench[notebook]'"
             ) from error
         maps = {
             name: value

@@ -70,7 +70,8 @@ def _entries(section: str) -> Iterator[list[str]]:
             "plugins": [
                 *(f"{m.id}: by {with_version(m.distribution)}" for m in known if m.distribution),
                 *(f"{name}: {reason} (not loaded)" for name, reason in BROKEN.items()),
-            ],
+            ]
+            or ["none is installed"],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),
             "datasets": [

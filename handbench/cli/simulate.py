@@ -81,8 +81,10 @@ def show(rows: tuple[Choice, ...]) -> None:
             row.why,
         )
         lines.append(cells)
-    headings = ("effect", "depth mm", "worst mm", "pixels %", "level dB", "on", "seconds", "why")
-    print_table(terminal_table("", headings, lines, texts=("effect", "on", "why")))
+    headings = ("effect", "depth mm", "worst mm", "pixel %", "level dB", "on", "time s", "why")
+    table = terminal_table("", headings, lines, texts=("effect", "on", "why"))
+    table.collapse_padding = True
+    print_table(table, piped=80)
 
 
 def _number(value: float | None, digits: int) -> str:

@@ -248,20 +248,20 @@ def show(result: Result) -> None:
         console.print(failure.line, markup=False)
 
 
-def wide_console() -> Console:
+def wide_console(piped: int = 200) -> Console:
     """Return a rich console on stdout. It is as wide as the terminal or the variable COLUMNS; in a
-    pipe or a file without COLUMNS, lines have up to 200 characters."""
+    pipe or a file without COLUMNS, lines have up to `piped` characters."""
     console = Console(highlight=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
-        console.width = 200
+        console.width = piped
     return console
 
 
-def print_table(table: Table) -> None:
-    """Print a table on stdout.
+def print_table(table: Table, piped: int = 200) -> None:
+    """Print a table on stdout, in a pipe or a file with lines of up to `piped` characters.
     Cells are broken only between words. If a row does not fit on the terminal even so, the lines
     become longer than the terminal is wide, so that no figure is cut."""
-    console = wide_console()
+    console = wide_console(piped)
     texts = [[str(cell) for cell in (c.header, *c.cells)] for c in table.columns]
     least, most = (
         [max((cell_len(part) for text in of for part in split(text)), default=0) for of in texts]
