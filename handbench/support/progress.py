@@ -38,7 +38,7 @@ def duration(seconds: float) -> str:
 
 
 @dataclass
-class Work:
+class ShownWork:
     """Work that a bar shows, in any unit, such as predicted seconds of one core.
     total: all of it (None: unknown); rate: expected work per second (None: unknown until some is
     done); start: time.monotonic() at the beginning. done: work of the parts that have ended;
@@ -121,7 +121,7 @@ class Work:
         return line
 
 
-_current: Work | None = None
+_current: ShownWork | None = None
 
 
 @contextmanager
@@ -135,7 +135,7 @@ def work(total: float | None, rate: float | None = None) -> Iterator[None]:
     if _current is not None or parent_process() is not None:
         yield
         return
-    _current = Work(total, rate, time.monotonic())
+    _current = ShownWork(total, rate, time.monotonic())
     try:
         with _shown(_current):
             yield
@@ -149,7 +149,7 @@ def predicted_work(core_s: float) -> AbstractContextManager[None]:
 
 
 @contextmanager
-def _shown(of: Work) -> Iterator[None]:
+def _shown(of: ShownWork) -> Iterator[None]:
     """Show work while the block runs, by a thread that only reads it."""
     if sys.stderr.isatty():
         from rich.console import Console

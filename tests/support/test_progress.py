@@ -7,7 +7,7 @@ import time
 import pytest
 
 from handbench.support import progress
-from handbench.support.progress import Work
+from handbench.support.progress import ShownWork
 
 
 class Terminal(io.StringIO):
@@ -19,7 +19,7 @@ class Terminal(io.StringIO):
 
 def test_the_time_left_follows_the_measured_rate():
     """100 core seconds, of which two cores are expected to do 2 per second, and do 1."""
-    work = Work(100.0, 2.0, start=0.0)
+    work = ShownWork(100.0, 2.0, start=0.0)
     assert work.line(0.0) == "0 %, 50 s left"
     work.begin("simulate-F", 40.0)
     assert work.line(10.0) == "20 %, 40 s left: simulate-F"
@@ -30,7 +30,7 @@ def test_the_time_left_follows_the_measured_rate():
 
 
 def test_what_an_earlier_run_has_done_is_no_part_of_the_work():
-    work = Work(100.0, 1.0, start=0.0)
+    work = ShownWork(100.0, 1.0, start=0.0)
     work.begin("simulate-F", 60.0)
     work.end("simulate-F", 1.0, skipped=True)
     work.begin("dense-F", 40.0)
