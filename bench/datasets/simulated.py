@@ -17,6 +17,7 @@ from handbench.bench.datasets.native import (
     TARGET,
     TRUE_TRANSFORM,
     TRUTH,
+    TRUTHS,
 )
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
@@ -34,7 +35,6 @@ from handbench.support.parallel import for_each
 from handbench.support.progress import say
 
 JPEG_QUALITY = 96
-TRUTHS = "truth"  # folder of the true surfaces of a moving target
 # names of the files of a simulated capture
 WRITTEN = (
     *(TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET, f"{TRUTHS}/[0-9]*.ply"),
@@ -62,7 +62,8 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         save_capture(temporary / ECHOES, simulated.capture)
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)
-        say(f"{scene.file.name}: {len(scene.cameras)} photographs")
+        if scene.cameras:
+            say(f"{scene.file.name}: {len(scene.cameras)} photographs")
         moves = any(row.effect == "motion" and row.on for row in simulated.rows)
         moving = surfaces(scene, radar_scene, frames) if moves else ()
         return write_photos(scene, temporary, simulated.rows, moving)

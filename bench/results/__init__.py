@@ -54,6 +54,7 @@ from handbench.bench.results.tradeoff import (
     Setting,
     Tradeoff,
     TradeoffFacts,
+    best_at_each_speed,
     load_tradeoff,
     write_tradeoff,
 )
@@ -78,6 +79,7 @@ __all__ += [
     "Setting",
     "Tradeoff",
     "TradeoffFacts",
+    "best_at_each_speed",
     "load_tradeoff",
     "write_tradeoff",
 ]

@@ -174,6 +174,7 @@ def _measured(depth: DepthMap, time_s: float) -> Track:
             "measures velocities, such as 3fsk-doppler"
         )
     R = np.zeros((*depth.z_m.shape, 2, 2))
-    R[..., 0, 0], R[..., 1, 1] = depth.sigma_m**2, depth.velocity_sigma_m_s**2
-    y = np.stack([depth.z_m, depth.velocity_m_s], axis=-1)
+    velocity_m_s, *sigmas = (np.asarray(getattr(depth, name)) for name in MEASURED)
+    R[..., 0, 0], R[..., 1, 1] = (sigma**2 for sigma in sigmas)
+    y = np.stack([depth.z_m, velocity_m_s], axis=-1)
     return Track(PixelGrid(depth.x_m, depth.y_m), y, R, time_s)

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 
 from handbench.bench.results import HEADLINE, CaptureFacts, MethodFacts, Result, each
 from handbench.bench.results.about import TREATMENTS
+from handbench.reports.figures.motion import errors_over_speed
 from handbench.reports.figures.style import (
     Picture,
     draw,
@@ -40,8 +41,8 @@ LINEAR_MM = 1  # of signed means, up to which their scale is linear
 
 def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
     """Yield the pictures that summarise all captures of a result: error against time, distribution
-    of the errors, error over completeness, and scatter over repeats. A picture is left out if the
-    result has no data for it.
+    of the errors, error over completeness, scatter over repeats, and error over speed. A picture is
+    left out if the result has no data for it.
 
     counts: numbers of pixels by error, over all captures that are compared with a reference, as
     `error_counts` returns them. If None, they are counted here, which reads every error map.
@@ -54,6 +55,8 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
         yield risk_coverage(result)
     if len(result.repeats):
         yield repeats(result)
+    if len(result.motion):
+        yield errors_over_speed(result)
 
 
 def accuracy_against_time(result: Result) -> Picture:
@@ -131,7 +134,7 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
             xlabel="|z − z_ref| in mm",
             title=AGAINST[reference],
         )
-        axis.set_ylabel("share of observed pixels in %")
+        axis.set_ylabel("pixels in %")
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "error_distribution",

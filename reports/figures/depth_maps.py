@@ -33,6 +33,7 @@ from handbench.reports.figures.layers import (
     depth_scale,
     error_layer,
 )
+from handbench.reports.figures.motion import errors_over_time
 from handbench.reports.figures.style import COLUMN_IN, STYLE, Picture, methods, narrow, time_text
 from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
 
@@ -56,12 +57,15 @@ Row = Sequence[Layer | np.ndarray | None]
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
     """Yield the pictures of one capture: the depth maps of all methods with their errors against
-    the first reference surface, and a picture of the errors for each further reference."""
+    the first reference surface, a picture of the errors for each further reference, and the errors
+    over time if there are several frames."""
     if result.about.methods:
         references = [reference for reference in DRAWN if reference in capture.references]
         yield depth_maps(result, capture, *references[:1])
         for reference in references[1:]:
             yield error_maps(result, capture, reference)
+        if (over_time := errors_over_time(result, capture)) is not None:
+            yield over_time
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:

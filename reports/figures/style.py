@@ -58,6 +58,9 @@ ORDER = (  # as the paper's Fig. 3, then ours; each has its colour and marker ev
     "broadband-subvoxel",
     "broadband-aligned",
     "joint",
+    "2fsk-doppler",
+    "3fsk-doppler",
+    "nfsk-doppler",
 )
 COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for light and dark pages
     "#0072B2",
@@ -196,7 +199,8 @@ def save(figure: Figure, file: str | Path) -> None:
         raise HandbenchError(
             f"{file}: is not the name of a picture; use one that ends in {', '.join(FORMATS)}"
         )
-    with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
+    style = COLUMN if figure.get_figwidth() == COLUMN_IN else STYLE
+    with matplotlib.rc_context(style), atomic_path(file) as temporary:
         figure.savefig(temporary, format=Path(file).suffix[1:].lower())
 
 

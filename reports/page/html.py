@@ -16,6 +16,7 @@ from handbench.reports.page import rendering, scene3d, sections, tradeoff_sectio
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import caption
+from handbench.reports.tables.motion_table import motion_csv
 from handbench.reports.tables.result_tables import findings
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
@@ -24,7 +25,10 @@ from handbench.support.parallel import script_left_out, workers
 from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
-SECTIONS = ("verdicts", "effects", "uncertainty", "provenance", "command", "settings", "captures")
+SECTIONS = (
+    *("verdicts", "motion", "effects", "uncertainty"),
+    *("provenance", "command", "settings", "captures"),
+)
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first
 # page and on others.
 REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
@@ -37,9 +41,9 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     Args:
         folder: a result folder, or a trade-off folder (`tradeoff_section.build` reports it).
         out: where a result's report is written: index.html, table.md, table.tex, column.tex,
-            table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures, pages/*.html.
-            Files of an earlier report are replaced, its further pages removed, other files left
-            unchanged.
+            table.csv, motion.csv, comparisons.*, figures/*.png and *.pdf and, for many captures,
+            pages/*.html. Files of an earlier report are replaced, its further pages removed, other
+            files left unchanged.
         sweep: a trade-off folder to show with the result; None: `folder` itself or its subfolder
             "tradeoff", if one of them is a trade-off.
 
@@ -73,6 +77,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "table.tex": latex.latex(result),
         "column.tex": latex.column(result),
         "table.csv": result_tables.csv_text(result),
+        "motion.csv": motion_csv(result),
         "comparisons.md": result_tables.comparisons_markdown(result),
         "comparisons.tex": latex.comparisons(result),
     }

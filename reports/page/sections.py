@@ -23,6 +23,7 @@ from handbench.reports.tables.blocks import (
     paper_block,
     three_digits,
 )
+from handbench.reports.tables.motion_table import CAPTION, motion_table
 from handbench.reports.tables.result_tables import stages
 
 LEADING = 4  # sentences of a metric that are read without opening the list
@@ -138,6 +139,12 @@ def effects(result: Result) -> Grid | None:
         "took (s)",
     )
     return Grid(caption, headings, tuple(rows), texts=2) if rows else None
+
+
+def motion(result: Result) -> Grid | None:
+    """Return the table of error over speed; None if nothing moves."""
+    headings, rows = motion_table(result)
+    return Grid(CAPTION, headings, tuple(rows)) if rows else None
 
 
 def _largest(rows: list[dict[str, Any]], key: str) -> str:

@@ -2,6 +2,7 @@
 comparisons of methods. (`reports.tables.latex` makes the same tables as LaTeX.)"""
 
 import html
+import os
 import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby, zip_longest
@@ -27,6 +28,7 @@ from handbench.reports.tables.blocks import (
     ratio,
     three_digits,
 )
+from handbench.reports.tables.motion_table import CAPTION, motion_table
 
 PAIRS = (
     ("3fsk", "2fsk"),
@@ -230,13 +232,16 @@ def stages(result: Result) -> pd.DataFrame:
 
 
 def show(result: Result) -> None:
-    """Print the main figures of a result on stdout: a table for each reference surface, then the
-    main findings and a line for each stage that failed."""
+    """Print the main figures of a result on stdout: a table for each reference surface, the error
+    over speed if something moves, then the main findings and a line for each stage that failed."""
     console = wide_console()
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
         cells = [(line.title, line.source, *line.cells) for line in lines]
         print_table(terminal_table(block.heading, ("", "", *block.methods), cells))
+    headings, rows = motion_table(result)
+    if rows:
+        print_table(terminal_table(CAPTION, headings, rows, headings[:1]))
     for finding in findings(result):
         console.print(finding, markup=False)
     for failure in result.about.failures:
@@ -244,10 +249,10 @@ def show(result: Result) -> None:
 
 
 def wide_console() -> Console:
-    """Return a rich console on stdout. It is as wide as the terminal; in a pipe or a file, lines
-    have up to 200 characters."""
+    """Return a rich console on stdout. It is as wide as the terminal or the variable COLUMNS; in a
+    pipe or a file without COLUMNS, lines have up to 200 characters."""
     console = Console(highlight=False)
-    if not console.is_terminal:
+    if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 200
     return console
 

@@ -1,0 +1,71 @@
+"""Error over speed and over the time of the frames, of a synthetic result whose captures move."""
+
+import numpy as np
+import pytest
+
+from handbench.bench import results
+from handbench.bench.evaluation.tables import SCORES, frame
+from handbench.reports.figures.motion import errors_over_speed, errors_over_time
+from handbench.reports.tables.motion_table import MARK, motion_csv, motion_table
+from tests.reports.synthetic_result import METHODS, write_synthetic
+
+SPEEDS_MM_S = {"B": 0.0, "F": 20.0, "U": 100.0, "V": 400.0}  # W's is unknown
+FRAMES = 4
+
+
+def lines_of(capture: str, method: str) -> list[tuple]:
+    """Lines of the table of scores: 3-FSK measures velocities, unambiguous up to 300 mm/s."""
+    speed_mm_s, found = SPEEDS_MM_S.get(capture), []
+    for number in range(FRAMES if capture == "U" else 1):
+        figures = {"mae_mm": 1.0 + number + len(method), "start_s": 0.1 * number}
+        if speed_mm_s is not None:
+            figures |= {"speed_mm_s": speed_mm_s, "step_time_s": 1e-3}
+            if method == "3fsk":
+                figures |= {"velocity_mae_mm_s": 3.0}
+                figures |= {"velocity_beyond_percent": 50.0 * (speed_mm_s > 300)}
+        found += [(capture, method, "truth", "", number, *each) for each in figures.items()]
+    return found
+
+
+@pytest.fixture
+def moving(tmp_path):
+    folder = write_synthetic(tmp_path, references=("truth",))
+    rows = [row for c in (*SPEEDS_MM_S, "W") for m in METHODS for row in lines_of(c, m)]
+    results.write_tables(folder, scores=frame(SCORES, rows))
+    return results.load(folder)
+
+
+def test_a_line_for_each_capture_with_a_speed(moving):
+    headings, rows = motion_table(moving)
+    assert [row[:3] for row in rows] == [
+        ("B", "0", "1.00"),
+        ("F", "20.0", "1.00"),
+        ("U", "100", "1.00"),
+        ("V", "400", "1.00"),
+    ]
+    assert headings[3:] == (
+        *(f"{title}: MAE (mm)" for title, *_ in METHODS.values()),
+        "3-FSK: velocity MAE (mm/s)",
+    )
+    of_three = headings.index("3-FSK: MAE (mm)")
+    assert [row[of_three] for row in rows] == ["5.00"] * 3 + [f"5.00 {MARK}"]
+    assert [row[-1] for row in rows] == ["3.00"] * 3 + [f"3.00 {MARK}"]
+    assert sum(MARK in cell for row in rows for cell in row) == 2
+    assert motion_csv(moving).count("\n") == 1 + len(rows) * len(METHODS)
+
+
+def test_figures_draw_what_is_there(moving):
+    depth, velocity = errors_over_speed(moving).figure.axes
+    mine = [line.get_xydata() for line in depth.lines if line.get_label() == "Broadband"]
+    assert sorted(np.concatenate(mine).tolist()) == [[mm_s, 10.0] for mm_s in SPEEDS_MM_S.values()]
+    rings = [line.get_xydata().tolist() for line in velocity.lines if line.get_markersize() > 4]
+    assert [[400.0, 3.0]] in rings
+    [axis] = errors_over_time(moving, moving.scored()[2]).figure.axes
+    assert len(axis.lines) == len(METHODS)
+    np.testing.assert_allclose(axis.lines[0].get_xdata(), 0.1 * np.arange(FRAMES))
+    assert errors_over_time(moving, moving.scored()[0]) is None
+
+
+def test_a_result_at_rest_has_neither(tmp_path):
+    result = results.load(write_synthetic(tmp_path, references=("truth",)))
+    assert motion_table(result)[1] == [] and motion_csv(result) == ""
