@@ -194,8 +194,8 @@ def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
 def velocity_layer(surface: SurfaceMap, velocity_m_s: np.ndarray, norm: Normalize) -> Layer:
     """Return a panel of a surface's radial velocities [ny, nx] on the colour scale `norm`: red away
     from the array, blue towards it."""
-    depth = depth_layer("radial velocity", surface, norm)
-    return replace(depth, values=velocity_m_s, colours=ERROR_COLOURS, label="v in m/s")
+    depth = depth_layer("radial velocity in m/s", surface, norm)
+    return replace(depth, values=velocity_m_s, colours=ERROR_COLOURS, label=" ")
 
 
 def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:

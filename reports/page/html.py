@@ -10,6 +10,7 @@ from typing import Any
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import panels
+from handbench.reports.figures.film import film
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering, scene3d, sections, tradeoff_section
 from handbench.reports.page.rendering import Image, render
@@ -177,7 +178,10 @@ def _captures(
     """Draw the pictures of several captures into `folder`, and return the content of their page:
     name in the template → value, with the pictures and the 3-D view.
     paper: whether PDFs for one column of a paper are written too."""
-    details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
+    details = [
+        (c, rendering.images(partial(panels, result, c), folder, paper), _film(result, c, folder))
+        for c in captures
+    ]
     scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     # the paper's own, else the first
@@ -193,3 +197,18 @@ def _captures(
         still = rendering.image(scene3d.still(result, first, shown), alt)
     turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}
     return turned | {"details": details, "methods": methods(result), "shown": shown}
+
+
+def _film(result: Result, capture: CaptureFacts, folder: Path) -> Image | None:
+    """Draw the film of a capture into `folder`, by the last method that measured velocities of
+    several frames; None if there is none."""
+    for method in reversed(methods(result)):
+        if (frames := result.frames(capture.name, method.name)) is not None:
+            title = f"{capture.name}, {method.title}"
+            words = f"Capture {capture.name} over its frames by {method.title}: depth, and radial"
+            colours = "velocity, red away from the array and blue towards it"
+            file = folder / f"film_{capture.name}.gif"
+            return rendering.film_image(
+                film(frames, title), f"{words} {colours}.", f"{words} {colours}", file
+            )
+    return None
