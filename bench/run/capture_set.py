@@ -59,9 +59,9 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
         for name, scene in scenes.items()
         if not (folder / CAPTURES / name).is_dir()
     }
-    with predicted_work(sum(simulating_s(scene) for scene, _, _ in left.values())):
+    with predicted_work(sum(simulating_s(s, frames) for s, _, frames in left.values())):
         for at, (scene, place, frames) in left.items():
-            with part(scene.name, simulating_s(scene)):
+            with part(scene.name, simulating_s(scene, frames)):
                 simulate_capture(build(scene, place), at, frames)
     write_checksums(folder)
     return len(scenes)

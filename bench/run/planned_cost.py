@@ -36,6 +36,7 @@ FITTED_S, FOCUSED_S = (0.6, 2.2)
 FRAME = 0.15  # of a stage, for each frame behind the first
 # echoes of a small body and of a hand; a simulated megapixel
 BODY_S, HAND_S, PHOTO_S = (0.5, 20.0, 0.9)
+MOVED_S = 4.0  # one more frame of a moving hand
 PLACED_S = 15.0  # to simulate and measure the calibration target once
 MEGAPIXELS_PER_PX2 = 0.75e-6  # of a picture of 4 : 3, by the square of its longer side
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
@@ -171,10 +172,12 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> dict[Part, Work
         return {}
 
 
-def simulating_s(scene: SceneFile) -> float:
-    """Predict the processor time to simulate a scene, s."""
+def simulating_s(scene: SceneFile, frames: int = 1) -> float:
+    """Predict the processor time to simulate a scene, s. frames: their number; those in which the
+    target has moved on are simulated one by one."""
     body_s = HAND_S if scene.target.kind == "hand" else BODY_S
-    return body_s + PHOTO_S * _photos(scene)[1]
+    moved = 0 if scene.sensor.frame_period_s is None else frames - 1
+    return body_s + MOVED_S * moved + PHOTO_S * _photos(scene)[1]
 
 
 def inspecting(folder: Path | None) -> float:

@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> str | None:
         )
     free_folder(options.out, options.overwrite, WRITTEN)
     scene = load_scene(options.scene)
-    core_s = simulating_s(scene.file)
+    core_s = simulating_s(scene.file, options.frames)
     with predicted_work(core_s), part(scene.file.name, core_s):
         effects = simulate_capture(scene, options.out, options.frames)
     show(effects)
