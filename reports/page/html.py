@@ -6,15 +6,16 @@ from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import methods
-from handbench.reports.page import rendering, scene3d, sections, tradeoff_section
+from handbench.reports.page import rendering, scene3d, sections, summary, tradeoff_section
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
-from handbench.reports.tables.blocks import caption
+from handbench.reports.tables.blocks import blocks, caption
 from handbench.reports.tables.motion_table import motion_csv
 from handbench.reports.tables.result_tables import findings
 from handbench.support.cost import require_time
@@ -85,6 +86,9 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         old.unlink()
     groups = pages(result.scored())
     parts = page_names(groups)
+    on_page = {
+        c.name: page for page, group in zip(["", *parts], groups, strict=True) for c in group
+    }
     swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {
         "parts": parts,
@@ -101,7 +105,12 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(
         out / "index.html",
-        render("index.html", **_summary(result, overview, swept, causes), **facts),
+        render(
+            "index.html",
+            place_of=lambda name: f"{on_page[name]}#capture-{quote(name)}",
+            **_summary(result, overview, swept, causes),
+            **facts,
+        ),
     )
     return out / "index.html"
 
@@ -165,8 +174,9 @@ def _summary(
         "findings": findings(result),
     }
     parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
-    parts |= {"stages": sections.stage_times(result)}
-    return parts | {"blocks": sections.all_blocks(result)}
+    parts |= {"leads": summary.leads(result), "main": summary.main_table(result)}
+    parts |= {"front": summary.front(result), "hardest": summary.hardest(result)}
+    return parts | {"stages": sections.stage_times(result), "blocks": blocks(result)}
 
 
 def _captures(
@@ -175,19 +185,21 @@ def _captures(
     """Draw the pictures of several captures into `folder`, and return the content of their page:
     name in the template → value, with the pictures and the 3-D view.
     paper: whether PDFs for one column of a paper are written too."""
-    details = [(c, rendering.images(partial(panels, result, c), folder, paper)) for c in captures]
-    scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     # the paper's own, else the first
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)
-    still = None
-    if scenes:
-        first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
-        alt = (
-            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels "
-            "of "
-            f"{titles.get(shown or '', '')} in the colours of their errors."
-        )
-        still = rendering.image(scene3d.still(result, first, shown), alt)
+    details, scenes = [], []
+    for capture in captures:
+        scene, still = scene3d.scene(result, capture), None
+        if scene:
+            scenes.append(scene)
+            alt = (
+                f"Capture {capture.name} seen from the array, lit from the upper left; colours are "
+                f"the errors of {titles.get(shown or '', '')}."
+            )
+            still = rendering.image(scene3d.still(result, capture, shown), alt, alt)
+        pictures = rendering.images(partial(panels, result, capture), folder, paper)
+        details.append((capture, still, summary.capture_grid(result, capture), pictures))
+    still = next((still for _, still, *_ in details if still), None)
     turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}
     return turned | {"details": details, "methods": methods(result), "shown": shown}
