@@ -206,8 +206,8 @@ def total_counts(parts: Iterable[Counts]) -> Counts:
 
 
 def repeats(result: Result) -> Picture:
-    """Plot the precision: for each method and capture, the depth of the strongest scatterer in every
-    repeated frame, in mm from the mean over these frames."""
+    """Plot the precision: for each method and capture, the depth of the strongest scatterer in
+    every repeated frame, in mm from the mean over these frames."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 from handbench.bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
 from handbench.bench.results.about import SHARES, TREATMENTS
@@ -154,12 +155,14 @@ def _best(result: Result) -> str:
         more = f", not shown to be better than {', '.join(equals)}" if equals else ""
         seen = result.row(SEEN, first, reference) if metric == HEADLINE and not treatment else None
         on = f" on the {number(seen.value, 1)} % of the surface that it sees" if seen else ""
-        who = f"{titles[first]}, " if len(titles) > 1 else ""
-        texts.append(f"{COLUMNS[metric, treatment]}: {who}{amount}{on}{more}")
+        who = Markup("<b>{}</b>, ").format(titles[first]) if len(titles) > 1 else Markup()
+        texts.append(
+            Markup("{}: {}{}{}{}").format(COLUMNS[metric, treatment], who, amount, on, more)
+        )
     count = len(result.scored())
     captures = "1 capture" if count == 1 else f"{count} captures"
     few = f" {captures}: no test." if result.comparisons.p_corrected.isna().all() else ""
-    return f"{'; '.join(texts)}.{few}" if texts else ""
+    return Markup("; ").join(texts) + f".{few}" if texts else ""
 
 
 def _limits(result: Result) -> str:
@@ -172,7 +175,7 @@ def _limits(result: Result) -> str:
     if len(floors) and (HEADLINE, "") in found:
         share = 100 * floors.max() / found[HEADLINE, ""].value.min()
         texts.append(
-            f"{reference} itself errs by {number(floors.max(), three_digits(floors.max()))} mm, "
+            f"{reference} itself errs by {floors.max():.2g} mm, "
             f"{share:.0f} % of the smallest MAE (floor)"
             if floors.max() > 0
             else "the reference is the exact surface (no floor)"
