@@ -128,7 +128,7 @@ def motion(result: Result) -> pd.DataFrame:
     rows = [
         (capture, method, speed_mm_s, known[STEP].get(capture), *of.loc[capture])
         for method, own in by_method(result.scores, "truth").items()
-        for of in [own.reindex(known[SPEED], columns=figures)]
+        for of in [own.reindex(list(known[SPEED]), columns=figures)]
         for capture, speed_mm_s in known[SPEED].items()
     ]
     return frame(MOTION, rows)

@@ -77,8 +77,8 @@ def write_frames(folder: Path, depths: Sequence[DepthMap]) -> None:
     """Write the depths of all frames to frames.npz, and their radial velocities if all have
     them."""
     maps = {"z_m": [depth.z_m for depth in depths]}
-    velocities_m_s = [depth.velocity_m_s for depth in depths]
-    maps |= {} if any(each is None for each in velocities_m_s) else {VELOCITY: velocities_m_s}
+    velocities_m_s = [depth.velocity_m_s for depth in depths if depth.velocity_m_s is not None]
+    maps |= {VELOCITY: velocities_m_s} if len(velocities_m_s) == len(depths) else {}
     write_npz(folder / FRAMES, **{name: np.stack(m).astype(np.float32) for name, m in maps.items()})
 
 
@@ -101,11 +101,13 @@ def read_times(folder: Path) -> dict[str, Any]:
 def measuring_times(echoes: RadarCapture) -> dict[str, Any]:
     """Return when the echoes were measured, for timing.json: step_time_s, the median time from one
     tone to the next, and frame_times_s, the start of each frame; without those that are unknown."""
-    steps_s, starts_s = echoes.times_s, echoes.frame_times_s
-    step = steps_s is not None and len(steps_s) > 1
-    return ({"step_time_s": float(np.median(np.diff(np.sort(steps_s))))} if step else {}) | (
-        {} if starts_s is None else {"frame_times_s": starts_s.tolist()}
-    )
+    found: dict[str, Any] = {}
+    if echoes.times_s is not None and len(echoes.times_s) > 1:
+        step_s = np.median(np.diff(np.sort(echoes.times_s)))
+        found["step_time_s"] = round(float(step_s), 12)  # without the differences' rounding
+    if echoes.frame_times_s is not None:
+        found["frame_times_s"] = echoes.frame_times_s.tolist()
+    return found
 
 
 class Images(NamedTuple):

@@ -67,7 +67,10 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     yield from recorded.warnings()
     surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
     if imaged is not None and (asked := requested_tones_hz(imaged[1])) is not None:
-        yield from motion_notes(imaged[0], capture, asked)
+        moves = list(motion_notes(imaged[0], capture, asked))
+        yield from moves
+        if moves:
+            return  # the motion explains why the image is not on its surface
     as_is = mistakes.fit(imaged[0], surface) if surface is not None and imaged is not None else None
     if as_is is not None and not as_is.improvable:
         return  # the image is on its surface: no further check

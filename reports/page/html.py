@@ -25,8 +25,10 @@ from handbench.support.parallel import script_left_out, workers
 from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
-SECTIONS = ("verdicts", "motion", "effects", "uncertainty", "provenance", "command", "settings")
-SECTIONS += ("captures",)
+SECTIONS = (
+    *("verdicts", "motion", "effects", "uncertainty"),
+    *("provenance", "command", "settings", "captures"),
+)
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first
 # page and on others.
 REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18

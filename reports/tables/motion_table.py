@@ -22,7 +22,7 @@ def motion_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
     found, titles = result.motion, {m.name: m.title for m in result.about.methods}
     kinds = [(HEADLINE, "mm"), (VELOCITY, "mm/s")]
     columns = [
-        (metric, unit, method)
+        (metric, unit, str(method))
         for metric, unit in kinds
         for method, own in found.groupby("method", sort=False)
         if own[metric].notna().any()
@@ -33,8 +33,8 @@ def motion_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
     )
     rows = []
     for capture, lines in found.groupby("capture", sort=False):
-        of, first = lines.set_index("method"), lines.iloc[0]
-        cells = [_cell(of.loc[method], metric) for metric, _, method in columns]
+        first, of = lines.iloc[0], {line.method: line for _, line in lines.iterrows()}
+        cells = [_cell(of[method], metric) for metric, _, method in columns]
         rows.append(
             (str(capture), _number(first.speed_mm_s), _number(1e3 * first.step_time_s), *cells)
         )
