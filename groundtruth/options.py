@@ -38,6 +38,7 @@ PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = (
     0.25,
     {"draft": 0.3, "normal": 1.5, "high": 7.5, "thorough": 15.0},
 )
+EFFORT_SHARES = {"sparse": 0.28, "dense": 0.57, "mesh": 0.15}  # of the stages, measured on hands
 BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
 
 

@@ -19,14 +19,20 @@ from handbench.groundtruth.mesh.mesh_files import write_cloud
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.mesh_stage import MESH, TARGET
-from handbench.groundtruth.options import DenseOptions, MeshOptions, Options, SparseOptions
+from handbench.groundtruth.options import (
+    EFFORT_SHARES,
+    DenseOptions,
+    MeshOptions,
+    Options,
+    SparseOptions,
+)
 from handbench.groundtruth.sparse.frame import Scale, shift
 from handbench.groundtruth.sparse.inputs import content, resolve
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
 from handbench.support.config import Config
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.support.progress import say
+from handbench.support.progress import begin, end, say
 from handbench.support.store import Stage, cached
 
 SUMMARY_VERSION = 1
@@ -171,7 +177,9 @@ def _made(
         seconds = {}
         chain = stages(root, photos, options, content(inputs, options), masks)[:count]
         for each in chain:
+            begin(each.name, EFFORT_SHARES[each.name])
             stamp, found = cached(root, each)
+            end(each.name, skipped=found)
             if found:
                 say(f"{each.name}: cached")
             seconds[each.name] = stamp.seconds

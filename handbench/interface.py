@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
+    import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
     from open3d.geometry import PointCloud
@@ -25,7 +26,7 @@ MESHES = (".ply", ".obj", ".stl")
 File = str | Path
 
 
-def load(path: File) -> Capture | Depth | Surface | Transform | Result:
+def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
     """Read a file or folder, and return it as the object that fits its content.
 
     Args:
@@ -33,7 +34,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
             a depth map (.npz), a mesh (.ply, .obj, .stl; metres) or a transform (.json).
 
     Returns:
-        A Capture, Result, Depth, Surface or Transform.
+        A Capture, RunResult, Depth, Surface or Transform.
 
     Raises:
         HandbenchError: the path is none of these.
@@ -54,7 +55,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | Result:
     if (path / "result.json").is_file():
         from handbench.bench.results import load as load_result
 
-        return load_result(path)
+        return RunResult(load_result(path))
     return Capture(path)
 
 
@@ -181,7 +182,7 @@ class Plottable:
 class Depth(Plottable):
     """A depth map in the radar's frame: pixel centres x_m [nx], y_m [ny], metres; depths z_m [ny,
     nx], metres, NaN where no surface was observed; and amplitudes amplitude_db [ny, nx]. It has all
-    attributes of `DepthMap`.
+    attributes of `DepthMap`, as velocity_m_s [ny, nx] of methods that measure radial velocities.
 
     Args:
         map: the depth map as `DepthMap`.
@@ -218,9 +219,9 @@ class Depth(Plottable):
         from handbench.bench.results import SurfaceMap
         from handbench.reports.figures.layers import depth_layers, layers_figure
 
-        return layers_figure(
-            depth_layers(SurfaceMap(self.x_m, self.y_m, self.z_m), {}), self.method
-        )
+        surface = SurfaceMap(self.x_m, self.y_m, self.z_m)
+        velocity = {} if self.velocity_m_s is None else {"velocity_m_s": self.velocity_m_s}
+        return layers_figure(depth_layers(surface, velocity), self.method)
 
     def points_m(self) -> np.ndarray:
         """Return the pixels with a depth as points [n, 3], metres in the radar's frame."""
@@ -347,6 +348,74 @@ class Score(Plottable):
         return layers_figure([error_layer(self.errors)], self.method)
 
 
+class RunResult:
+    """A benchmark's result: `.table`, `.tasks`, `.scores`, `.comparisons`, … are pandas DataFrames,
+    and it has all other attributes of `Result`.
+
+    Args:
+        result: the result folder as `Result`.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == "result":  # not there yet while it is copied
+            raise AttributeError(name)
+        return getattr(self.result, name)
+
+    def __repr__(self) -> str:
+        return repr(self.result).replace("Result", "RunResult", 1)
+
+    def plot(self, kind: str, file: File | None = None) -> Figure:
+        """Draw one figure, as wide as a column of a paper, with a colour for each method.
+
+        Args:
+            kind: "captures" (MAE of each capture, and the mean), "ecdf" (distribution of |z −
+                z_ref|), "bland-altman" (z − z_ref over the depth), "frames" (MAE of each frame),
+                "time" (MAE over seconds per frame), "coverage" (MAE over the share of the surface)
+                or "repeats" (scatter of the strongest scatterer).
+            file: also write the figure here (.png, .pdf, .svg); an existing file is replaced.
+
+        Returns:
+            Matplotlib's figure.
+
+        Raises:
+            HandbenchError: an unknown kind, or a result without the data of this figure.
+        """
+        from handbench.reports.figures.plots import plot
+        from handbench.reports.figures.style import save
+
+        figure = plot(self.result, kind)
+        if file is not None:
+            save(figure, file)
+        return figure
+
+
+def compare(a: File | RunResult, b: File | RunResult) -> pd.DataFrame:
+    """Compare two results, as `handbench compare` does: MAE, MAX, completeness, precision and time
+    of every method that both have, then the other metrics that the protocol compares.
+
+    Args:
+        a, b: result folders, or results of `load` or `run`.
+
+    Returns:
+        One line for each metric, method, reference and capture; `capture` is "" for the mean over
+        the captures. `a`, `b` and `difference` (B − A) are in `unit`; a mean also has its 95 %
+        interval, and `p_corrected`, or in `untested` why there is no test. docs/files.md describes
+        all columns.
+
+    Raises:
+        HandbenchError: the results have different scoring protocols, or no method or no reference
+            in common.
+    """
+    from handbench.bench.results import load as load_result
+    from handbench.bench.results.compare_results import compare_results
+
+    ours, theirs = (of.result if isinstance(of, RunResult) else load_result(of) for of in (a, b))
+    return compare_results(ours, theirs).differences
+
+
 def methods() -> dict[str, str]:
     """Return all imaging methods: id → one line of text that describes the method."""
     from handbench.radar.methods.registry import methods as registered
@@ -426,7 +495,7 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
     return calibrate_captures([Path(capture) for capture in named], quality, seed)
 
 
-def run(bench: File, folder: File, overwrite: bool = False) -> Result:
+def run(bench: File, folder: File, overwrite: bool = False) -> RunResult:
     """Run a benchmark: image every capture with every method and score the depth maps. A run that
     was interrupted is resumed.
 
@@ -444,4 +513,4 @@ def run(bench: File, folder: File, overwrite: bool = False) -> Result:
     from handbench.bench.run.benchmark_file import load_benchmark
 
     runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)
-    return load_result(folder)
+    return RunResult(load_result(folder))

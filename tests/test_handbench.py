@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import handbench as hb
@@ -116,8 +117,9 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
     (tmp_path / "T.json").write_text(json.dumps(matrix))
     places = ball.folder, ball.truth, tmp_path / "result", tmp_path / "T.json"
     found = [hb.load(path) for path in places]
-    assert [type(one) for one in found] == [hb.Capture, hb.Surface, hb.Result, hb.Transform]
-    assert not found[2].table.empty and "<handbench.Result synthetic: 8 captures" in repr(found[2])
+    assert [type(one) for one in found] == [hb.Capture, hb.Surface, hb.RunResult, hb.Transform]
+    assert not found[2].table.empty
+    assert "<handbench.RunResult synthetic: 8 captures" in repr(found[2])
     assert "ball: 1 frames, 3 tones from 79.5 to 82 GHz, 94 × 94 channels" in repr(found[0])
 
 
@@ -150,7 +152,57 @@ def test_a_mistake_is_one_sentence(ball, depth, tmp_path, call, words):
         call(ball, depth, tmp_path)
 
 
+@pytest.fixture(scope="module")
+def synthetic(tmp_path_factory) -> hb.RunResult:
+    """A result of five captures, with errors of a second frame, 1 mm larger."""
+    folder = tmp_path_factory.mktemp("synthetic")
+    found = hb.load(write_synthetic(folder, step_m=6e-3))
+    second = found.scores[found.scores.metric == "mae_mm"].assign(frame=1)
+    second["value"] += 1
+    found.result.__dict__["scores"] = pd.concat([found.scores, second])
+    return found
+
+
+def test_two_results_are_compared_in_a_data_frame(synthetic):
+    """Paths or results, with the figures of the result's own table."""
+    lines = hb.compare(synthetic, str(synthetic.folder))
+    means = lines[lines.capture == ""].set_index(["metric", "method", "reference"])
+    assert list(dict.fromkeys(lines.metric))[:3] == ["mae_mm", "max_mm", "complete_2mm_percent"]
+    for metric in ("mae_mm", "max_mm", "precision_mm"):
+        reference = "" if metric == "precision_mm" else "truth"
+        mean = means.loc[metric, "3fsk", reference]
+        assert mean.a == mean.b == pytest.approx(synthetic.row(metric, "3fsk", "truth").value)
+        assert mean.difference == 0
+    maes = lines[(lines.metric == "mae_mm") & (lines.method == "3fsk")]
+    assert maes.capture.tolist() == 2 * ["", "B", "F", "U", "V", "W"]
+
+
+def test_a_result_is_drawn_by_the_name_of_the_figure(synthetic, tmp_path):
+    """The points are the figures of the tables; and the lines of agreement hold 1.96 σ."""
+    maes = synthetic.scores[synthetic.scores.metric == "mae_mm"]
+    first = maes[(maes.method == "3fsk") & (maes.reference == "truth") & (maes.frame == 0)].value
+    points = {line.get_marker(): line for line in synthetic.plot("captures").axes[1].lines}
+    np.testing.assert_allclose(points["^"].get_ydata(), first)
+    [over] = [x for x in synthetic.plot("frames").axes[1].lines if x.get_label() == "3-FSK"]
+    np.testing.assert_allclose(over.get_ydata(), [first.mean(), first.mean() + 1])
+    names = [c.name for c in synthetic.scored()]
+    errors = [synthetic.errors(c, "broadband", "photogrammetry").error_m.ravel() for c in names]
+    error_mm = 1e3 * np.concatenate(errors)
+    drawn = synthetic.plot("bland-altman").axes[0]
+    assert drawn.get_title().startswith("broadband") or drawn.get_title().startswith("Broadband")
+    levels = [line.get_ydata()[0] for line in drawn.lines]
+    spread = 1.96 * np.nanstd(error_mm)
+    np.testing.assert_allclose(levels, np.nanmean(error_mm) + np.array([0, -spread, spread]))
+    synthetic.plot("ecdf", tmp_path / "ecdf.png")
+    assert (tmp_path / "ecdf.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(hb.HandbenchError, match=r"unknown kind 'ecd'; did you mean 'ecdf'\?"):
+        synthetic.plot("ecd")
+    with pytest.raises(hb.HandbenchError, match="has no risk–coverage curves, which 'coverage'"):
+        synthetic.plot("coverage")
+
+
 def test_everything_that_it_names_is_there():
+    assert hb.__version__ == version("handbench")
     assert set(dir(hb)) == set(hb.__all__)
     assert all(getattr(hb, name).__doc__ for name in hb.__all__)
     assert "3fsk" in hb.methods()

@@ -62,7 +62,8 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
         save_capture(temporary / ECHOES, simulated.capture)
         if simulated.empty is not None:
             save_capture(temporary / EMPTY, simulated.empty)
-        say(f"{scene.file.name}: {len(scene.cameras)} photographs")
+        if scene.cameras:
+            say(f"{scene.file.name}: {len(scene.cameras)} photographs")
         moves = any(row.effect == "motion" and row.on for row in simulated.rows)
         moving = surfaces(scene, radar_scene, frames) if moves else ()
         return write_photos(scene, temporary, simulated.rows, moving)

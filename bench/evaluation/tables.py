@@ -104,7 +104,7 @@ SCHEMAS = declared_tables(__file__)
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
-DIFFERENCES, TIMES, CHANGES = (SCHEMAS[name] for name in ("differences", "times", "changes"))
+DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
 SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
 RANKING, MOTION = SCHEMAS["ranking"], SCHEMAS["motion"]
 

@@ -8,6 +8,8 @@ errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz
               (x_m, y_m, z_m, sigma_m: standard deviation along z, by mesh and registration
               together; NaN: unknown)
+frames/       CAPTURE__METHOD.npz of sequences with velocities: x_m, y_m, times_s [frame], and z_m,
+              velocity_m_s [frame, ny, nx], cut to the target
 photos/       CAPTURE.jpg, at most 600 pixels wide and high
 
 All other tables of a `Result` are computed from these files (`bench.results.derived`).
@@ -28,11 +30,13 @@ from handbench.bench.results.about import (
     metric_facts,
 )
 from handbench.bench.results.maps import (
+    Frames,
     SurfaceMap,
     depth_path,
     errors_path,
     read_errors,
     write_errors,
+    write_frames,
     write_photo,
     write_surface,
 )
@@ -50,6 +54,7 @@ from handbench.bench.results.tradeoff import (
     Setting,
     Tradeoff,
     TradeoffFacts,
+    best_at_each_speed,
     load_tradeoff,
     write_tradeoff,
 )
@@ -65,8 +70,8 @@ __all__ = [
     "MetricFacts",
 ]
 __all__ += ["LEVEL", "RANKING", "each", "metric_facts", "write_table"]
-__all__ += ["ErrorMap", "SurfaceMap", "depth_path", "errors_path", "read_errors"]
-__all__ += ["write_errors", "write_photo", "write_surface"]
+__all__ += ["ErrorMap", "Frames", "SurfaceMap", "depth_path", "errors_path", "read_errors"]
+__all__ += ["write_errors", "write_frames", "write_photo", "write_surface"]
 __all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]
 __all__ += [
     "Claim",
@@ -74,6 +79,7 @@ __all__ += [
     "Setting",
     "Tradeoff",
     "TradeoffFacts",
+    "best_at_each_speed",
     "load_tradeoff",
     "write_tradeoff",
 ]

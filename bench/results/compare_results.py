@@ -1,19 +1,21 @@
-"""Comparison of two results, A and B: differences of their figures, with confidence intervals and
-tests.
+"""Comparison of two results, A and B: their figures and the differences, on average and for each
+capture, with confidence intervals and tests.
 
-If both results have the same captures, each method is compared capture by capture, so that the
-errors of the captures cancel. Otherwise A and B are two independent samples (Welch's test). Each
-capture counts as one value. Precisions are compared by the F test of their variances. The p-values
-of all lines are corrected together (Holm). Times are listed without a test, because repeats within
-a run do not show the difference between two runs.
+Every comparison begins with MAE, MAX, completeness, precision and time (FIRST). If both results
+have the same captures, each method is compared capture by capture, so that the errors of the
+captures cancel. Otherwise A and B are two independent samples (Welch's test). Each capture counts
+as one value. Tested are the metrics that the protocol names, and the precision by the F test of the
+variances. The p-values of all tests are corrected together (Holm). Times are not tested, because
+repeats within a run do not show the difference between two runs.
 
 `handbench compare` writes
 
-compare.json  both results, the captures compared, every difference, times and provenance
-compare.csv   one line per method, metric and reference: `DIFFERENCES` in `bench.evaluation.tables`
+compare.json  both results, what was compared, every difference, and provenance
+compare.csv   one line per metric, method, reference and capture: `DIFFERENCES` in
+              `bench.evaluation.tables`
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,8 +23,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.intervals import TOO_FEW, figure_interval, note, precision_interval
-from handbench.bench.evaluation.metrics import METRICS, deviation, precision
+from handbench.bench.evaluation.intervals import FEWEST, figure_interval, note, precision_interval
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, precision
 from handbench.bench.evaluation.paired import (
     Difference,
     amount_text,
@@ -33,16 +35,7 @@ from handbench.bench.evaluation.paired import (
     welch_test,
 )
 from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
-from handbench.bench.evaluation.tables import (
-    DIFFERENCES,
-    LEVEL,
-    TIMES,
-    by_method,
-    conform,
-    frame,
-    records,
-    write,
-)
+from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, by_method, conform, records, write
 from handbench.bench.results.about import REFERENCES, MethodFacts
 from handbench.bench.results.derived import compared_metrics
 from handbench.bench.results.provenance import changes
@@ -50,11 +43,15 @@ from handbench.bench.results.result_folder import Result
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 
-COMPARED_VERSION = 1
+COMPARED_VERSION = 2
+PRECISION, TIME = "precision_mm", "seconds"
+ERRORS = (HEADLINE, "max_mm", "complete_2mm_percent")
+FIRST = (*ERRORS, PRECISION, TIME)  # tested or not, in this order
 # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_SHARE = 0.9
 SAME_M = 5e-4  # and differ by at most this in the median
 NONE = (None, None)
+OTHER_PIXELS = "each on its own pixels"
 
 
 @dataclass(frozen=True)
@@ -72,25 +69,28 @@ class ComparedResult:
 @dataclass(frozen=True, eq=False)
 class Compared:
     """The comparison of two results, A and B.
-    basis: for each reference, a sentence on which captures were compared. differences: table with
-    one line for each tested metric; times: table with the time of each method; changes: table of
-    the settings, versions and inputs that differ between A and B."""
+    basis: sentences on which captures, methods and frames were compared. differences: table with
+    lines for each metric, method and reference: first the mean over the captures, then each
+    capture. changes: table of the settings, versions and inputs that differ between A and B."""
 
     a: ComparedResult
     b: ComparedResult
     basis: tuple[str, ...]
     differences: pd.DataFrame
-    times: pd.DataFrame
     changes: pd.DataFrame
+
+    def content(self) -> dict[str, Any]:
+        """Return the comparison as dictionaries and lists, as in compare.json."""
+        about = {"a": asdict(self.a), "b": asdict(self.b), "basis": self.basis}
+        tables = {"differences": records(self.differences), "changes": records(self.changes)}
+        return {"schema_version": COMPARED_VERSION, **about, **tables}
 
 
 def write_compared(folder: Path, compared: Compared) -> None:
     """Write a comparison into the folder, as compare.csv (the differences) and compare.json
     (everything)."""
     write(folder / "compare.csv", compared.differences, DIFFERENCES)
-    lines = {name: records(getattr(compared, name)) for name in ("differences", "times", "changes")}
-    about = {"a": asdict(compared.a), "b": asdict(compared.b), "basis": compared.basis}
-    write_json(folder / "compare.json", {"schema_version": COMPARED_VERSION, **about, **lines})
+    write_json(folder / "compare.json", compared.content())
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,6 @@ class CommonCaptures:
 def compare_results(a: Result, b: Result) -> Compared:
     """Compare two results: B's figures minus A's, with confidence intervals and tests, for every
     method that both have.
-    Compared are the metrics that the protocol names, the precision, and (without a test) the time.
     Raises HandbenchError for results with different protocols or definitions, or without a common
     method and a common reference."""
     require_comparable(a, b)
@@ -117,12 +116,13 @@ def compare_results(a: Result, b: Result) -> Compared:
     methods = [method for method in a.about.methods if method.name in theirs]
     bases = [basis for reference in REFERENCES if (basis := _basis(a, b, reference))]
     if not methods or not bases:
-        lack = "method" if not methods else "reference"
+        lack = "reference" if methods else "method"
         raise HandbenchError(
             f"{a.folder}, {b.folder}: the two results have no {lack} in common; expected at least "
             "one"
         )
-    metrics = compared_metrics(a.about.protocol)
+    tested = compared_metrics(a.about.protocol)
+    metrics = list(dict.fromkeys((*ERRORS, *tested)))
     figures = [[by_method(result.scores, basis.reference) for result in (a, b)] for basis in bases]
     lines = []
     for method in methods:
@@ -131,11 +131,12 @@ def compare_results(a: Result, b: Result) -> Compared:
                 of.get(method.name, pd.DataFrame(dtype=float)).reindex(captures, columns=metrics)
                 for of, captures in zip(found, (basis.a, basis.b), strict=True)
             )
-            lines += _accuracy(method, basis, *samples)
-        lines += _precision(a, b, method)
-    times = frame(TIMES, [_time(a, b, method) for method in methods])
-    sentences = tuple(basis.sentence for basis in bases)
-    return Compared(_side(a), _side(b), sentences, _corrected(lines), times, changes(a, b))
+            lines += _accuracy(method, basis, tested, *samples)
+        lines += _precision(a, b, method) + _times(a, b, method)
+    rank = {metric: place for place, metric in enumerate((*FIRST, *metrics)[::-1])}
+    lines.sort(key=lambda line: -rank[line["metric"]])
+    sentences = (*(basis.sentence for basis in bases), *_left_out(a, b), *_frames(a, b))
+    return Compared(_side(a), _side(b), sentences, _corrected(lines), changes(a, b))
 
 
 def require_comparable(a: Result, b: Result) -> None:
@@ -175,8 +176,11 @@ def _basis(a: Result, b: Result, reference: str) -> CommonCaptures | None:
             f"samples; A: {note(len(ours))}; B: {note(len(theirs))}"
         )
         return CommonCaptures(reference, ours, theirs, False, text)
-    left = len(ours) + len(theirs) - 2 * len(shared)
-    without = f", without the {left} that only one has" if left else ""
+    without = "".join(
+        f", without {', '.join(left)} of {side}"
+        for side, names in (("A", ours), ("B", theirs))
+        if (left := [name for name in names if name not in shared])
+    )
     text = (
         f"against {reference}: the same captures ({', '.join(shared)}{without}), pair by "
         f"pair; {note(len(shared))}"
@@ -200,26 +204,68 @@ def _same(a: Result, b: Result, name: str, reference: str) -> bool:
     return float(np.median(np.abs(ours.z_m - theirs.z_m)[both])) <= SAME_M
 
 
+def _captures(count: int) -> str:
+    return f"{count} capture" + "s" * (count != 1)
+
+
+def _left_out(a: Result, b: Result) -> list[str]:
+    """Return a sentence for each result with methods or references that the other does not have."""
+    found = []
+    for side, result, other in (("A", a, b), ("B", b, a)):
+        theirs = {method.name for method in other.about.methods}
+        methods = [m.title for m in result.about.methods if m.name not in theirs]
+        if methods:
+            found.append(f"only {side} has {', '.join(methods)}, which cannot be compared")
+        ours, known = (
+            {name for capture in of.scored() for name in capture.references}
+            for of in (result, other)
+        )
+        if lacks := [name for name in REFERENCES if name in ours - known]:
+            found.append(f"only {side} is scored against {', '.join(lacks)}")
+    return found
+
+
+def _frames(a: Result, b: Result) -> list[str]:
+    """Return a sentence on the compared frame if a result has the errors of several; otherwise an
+    empty list."""
+    counts = [of.scores.frame[of.scores.metric == HEADLINE].nunique() for of in (a, b)]
+    if max(counts) < 2:
+        return []
+    return [f"the errors are those of frame 0; A has {counts[0]} and B has {counts[1]} frames"]
+
+
 def _accuracy(
-    method: MethodFacts, basis: CommonCaptures, a: pd.DataFrame, b: pd.DataFrame
+    method: MethodFacts,
+    basis: CommonCaptures,
+    tested: Sequence[str],
+    a: pd.DataFrame,
+    b: pd.DataFrame,
 ) -> list[dict[str, Any]]:
-    """Compare one method of A and B by every metric; return one line (column → value) for each
-    metric, with p-values not yet corrected.
-    basis: the captures that are compared; a, b: figures of A and of B, one line for each capture,
-    one column for each metric."""
+    """Compare one method of A and B by every metric; return lines (column → value), for each metric
+    the mean over the captures and then each capture, with p-values not yet corrected.
+    basis: the captures that are compared; tested: metrics with a p-value; a, b: figures of A and of
+    B, one line for each capture, one column for each metric."""
     lines = []
     for metric in map(str, a):
-        samples, test = (
-            [a[metric].to_numpy(), b[metric].to_numpy()],
-            paired_test if basis.paired else welch_test,
-        )
+        samples = [a[metric].to_numpy(), b[metric].to_numpy()]
+        seen = [np.isfinite(sample) for sample in samples]
+        usable = int((seen[0] & seen[1]).sum() if basis.paired else min(map(np.sum, seen)))
+        difference = (paired_test if basis.paired else welch_test)(*samples)
+        facts = {"reference": basis.reference, "paired": basis.paired}
+        about = dict(facts)
+        if metric in tested:
+            about["spreads"] = _spreads(samples, basis.paired)
+        else:
+            difference = difference._replace(p=np.nan)
+        if np.isnan(difference.p):
+            about["untested"] = _captures(usable) if usable < FEWEST else OTHER_PIXELS
         values = [a[metric].mean(), b[metric].mean()]
         ends = [figure_interval(metric, sample) or NONE for sample in samples]
-        line = _line(method, metric, samples, values, ends, test(*samples))
-        spreads = _spreads(samples, basis.paired)
-        lines.append(
-            {**line, "reference": basis.reference, "paired": basis.paired, "spreads": spreads}
-        )
+        lines.append(_line(method, metric, values, [*map(len, samples)], ends, difference) | about)
+        ours, theirs = a[metric].to_dict(), b[metric].to_dict()
+        each = [(ours, theirs)] if basis.paired else [(ours, {}), ({}, theirs)]
+        for pair in each:
+            lines += [line | facts for line in _each_capture(method, metric, *pair)]
     return lines
 
 
@@ -234,42 +280,85 @@ def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
-    """Compare the precision of one method in A and B; return a list with one line, empty if a
-    result has no precision."""
-    repeats = (result.repeats[result.repeats.method == method.name] for result in (a, b))
+    """Compare the precision of one method in A and B, on average and for each capture; return lines
+    like `_accuracy`, none if neither result has repeats."""
+    repeats = [result.repeats[result.repeats.method == method.name] for result in (a, b)]
     hands = [
-        [depths.to_numpy() for _, depths in of.groupby("capture", sort=False).z_m] for of in repeats
+        {str(name): z.to_numpy() for name, z in of.groupby("capture", sort=False).z_m}
+        for of in repeats
     ]
-    intervals = [precision_interval(z) for z in hands]
-    if None in intervals:
+    if not any(hands):
         return []
-    metric = "precision_mm"
-    values = [precision(z)[metric] for z in hands]
-    return [_line(method, metric, hands, values, intervals, f_test(hands[0], hands[1]))]
+    depths = [list(of.values()) for of in hands]
+    values = [precision(z)[PRECISION] for z in depths]
+    ends = [precision_interval(z) or NONE for z in depths]
+    found = f_test(*depths)
+    line = _line(method, PRECISION, values, [*map(len, hands)], ends, found)
+    if np.isnan(found.p):
+        line["untested"] = "no scatter of repeats in A or in B"
+    each = ({name: precision([z])[PRECISION] for name, z in of.items()} for of in hands)
+    return [line, *_each_capture(method, PRECISION, *each)]
+
+
+def _times(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
+    """Compare the time per frame of one method in A and B, the median of all frames and of those of
+    each capture; return lines like `_accuracy`, none if neither result has times."""
+    rows = [result.time(method.name) for result in (a, b)]
+    if not any(rows):
+        return []
+    values = [row.value if row else None for row in rows]
+    ends = [(row.low, row.high) if row else NONE for row in rows]
+    scores = [
+        of.scores[(of.scores.metric == TIME) & (of.scores.method == method.name)] for of in (a, b)
+    ]
+    each = [of.groupby("capture", sort=False).value.median().to_dict() for of in scores]
+    line = _line(method, TIME, values, [*map(len, each)], ends)
+    return [line | {"untested": "one run each"}, *_each_capture(method, TIME, *each)]
+
+
+def _each_capture(
+    method: MethodFacts, metric: str, a: Mapping[Any, Any], b: Mapping[Any, Any]
+) -> list[dict[str, Any]]:
+    """Return a line (column → value) for each capture with its figures of A and of B, which have no
+    test.
+    a, b: capture → figure; a capture may be in only one of them."""
+    return [
+        _line(method, metric, [a.get(name), b.get(name)], [int(name in a), int(name in b)])
+        | {"capture": name}
+        for name in dict.fromkeys((*a, *b))
+    ]
 
 
 def _line(
     method: MethodFacts,
     metric: str,
-    samples: Sequence[Any],
     values: Sequence[float | int | None],
-    intervals: Sequence[Any],
-    tested: Difference,
+    counts: Sequence[int],
+    intervals: Sequence[Any] = (NONE, NONE),
+    tested: Difference | None = None,
 ) -> dict[str, Any]:
     """Make one line (column → value) with the figures of A and B, their intervals and numbers of
-    captures, and the test of their difference.
-    samples, values, intervals: a pair each, for A and B. The line has no reference and is marked as
-    unpaired; the caller may change both."""
+    captures, and the test of their difference (None: only the difference).
+    values, counts, intervals: a pair each, for A and B. The line has no reference and no capture
+    and is marked as unpaired; the caller may change these."""
     facts = METRICS[metric]
     line: dict[str, Any] = {
         "method": method.name,
         "title": method.title,
         "metric": metric,
         "metric_title": facts.title,
+        "unit": facts.unit,
+        "reference": "",
+        "capture": "",
+        "paired": False,
     }
-    for side, sample, value, (low, high) in zip("ab", samples, values, intervals, strict=True):
-        line |= {side: value, f"{side}_low": low, f"{side}_high": high, f"n_{side}": len(sample)}
-    return {**line, "unit": facts.unit, "reference": "", "paired": False, **tested._asdict()}
+    of_sides = zip("ab", values, counts, intervals, strict=True)
+    for side, value, count, (low, high) in of_sides:
+        line |= {side: value, f"{side}_low": low, f"{side}_high": high, f"n_{side}": count}
+    if tested is None:
+        a, b = values
+        tested = Difference(np.nan if a is None or b is None else b - a)
+    return line | tested._asdict()
 
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
@@ -277,6 +366,7 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     corrected for all tests (Holm), the better result, the number of captures needed, and a
     sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
+    lines["untested"] = lines.untested.fillna("")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)
     fell = (lines.difference < 0) == lines.metric.map(
@@ -303,23 +393,31 @@ def _needed(difference: float, spreads: list[float] | None, alpha: float) -> flo
 
 
 def _sentence(line: Any) -> str:
+    """Return a difference in words; "" for that of a single capture.
+    line: a row of the table DIFFERENCES."""
+    if line.capture:
+        return ""
     what = line.metric_title + (f" against {line.reference}" if line.reference else "")
     if np.isnan(line.difference):
         return f"{line.title}: no figures to compare in {what}"
+    if line.metric == TIME:
+        return f"{line.title}: B takes {line.b / line.a:.2f} times as long as A"
     each = "" if line.paired else " of each"
     hands = (
         f"; needs {line.needed:.0f} hands{each} to show this difference" if line.needed > 0 else ""
     )
-    none = f"{line.title}: no difference shown between A and B in {what}: "
-    if np.isnan(line.p_corrected):
-        return f"{none}{TOO_FEW} (B − A: {amount_text(line.difference, line.unit)}){hands}"
+    if line.untested:
+        amount = amount_text(line.difference, line.unit)
+        return f"{line.title}: B − A is {amount} in {what}, not tested ({line.untested}){hands}"
     ends = (line.difference, line.low, line.high)
     amount, low, high = ends if line.difference >= 0 else (-line.difference, -line.high, -line.low)
     amounts = amounts_text(amount, low, high, line.unit)
     if line.better:
         worse = "A" if line.better == "B" else "B"
         return f"{line.title}: {line.better} is better than {worse} by {amounts} ({what})"
-    return none + amounts + (" before the correction for all lines" if low > 0 else "") + hands
+    before = " before the correction for all lines" if low > 0 else ""
+    none = f"{line.title}: no difference shown between A and B in {what}"
+    return f"{none}: {amounts}{before}{hands}"
 
 
 def _side(result: Result) -> ComparedResult:
@@ -330,22 +428,3 @@ def _side(result: Result) -> ComparedResult:
 def _gemm(result: Result) -> float | None:
     rate = result.about.machine.get("gemm_gflops")
     return rate if isinstance(rate, int | float) and rate > 0 else None
-
-
-def _time(a: Result, b: Result, method: MethodFacts) -> tuple[Any, ...]:
-    """Make a method's line of the table TIMES: time per frame in A and in B, their ratio, and a
-    sentence."""
-    rows = [result.time(method.name) for result in (a, b)]
-    figures = [
-        end for row in rows for end in ((row.value, row.low, row.high) if row else (None, *NONE))
-    ]
-    if not all(row and row.value for row in rows):
-        sentence = f"{method.title}: no times to compare"
-        return method.name, method.title, *figures, None, sentence
-    ratio = rows[1].value / rows[0].value
-    sentences = ", ".join(
-        f"{row.value:.3g} s" + (f" at {rate:.0f} GFLOP/s" if (rate := _gemm(result)) else "")
-        for row, result in zip(rows, (a, b), strict=True)
-    )
-    sentence = f"{method.title}: B takes {ratio:.2f} times as long as A ({sentences})"
-    return method.name, method.title, *figures, ratio, sentence

@@ -1,16 +1,18 @@
 """Reading and writing of the depth maps, error maps and photographs of a result folder, and their
 paths."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.radar.data.depthmap import LONGEST_M
+from handbench.radar.data.grid import bounding_box
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
+from handbench.support.limits import ARRAY_BYTES
 from handbench.support.pictures import open_picture
 
 PHOTO_PX = 600
@@ -30,6 +32,30 @@ class SurfaceMap:
     sigma_m: np.ndarray | None = None
 
 
+@dataclass(frozen=True)
+class Frames:
+    """Depths and radial velocities of a sequence, for drawing: z_m, velocity_m_s [frame, ny, nx],
+    metres and m/s, NaN off target, at the pixel centres x_m [nx], y_m [ny]; times_s [frame]: start
+    of each frame."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+    z_m: np.ndarray
+    velocity_m_s: np.ndarray
+    times_s: np.ndarray
+
+    def cropped(self) -> "Frames":
+        """Return only the rows and columns in which some frame has a depth; all of them if no frame
+        has any."""
+        seen = np.isfinite(self.z_m).any(axis=0)
+        if np.count_nonzero(seen.any(axis=0)) < 2 or np.count_nonzero(seen.any(axis=1)) < 2:
+            return self
+        y, x = bounding_box(seen)
+        return Frames(
+            self.x_m[x], self.y_m[y], self.z_m[:, y, x], self.velocity_m_s[:, y, x], self.times_s
+        )
+
+
 def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
     """Return the path of the error map of a capture, method and reference in a result folder.
     Raises HandbenchError for a name that cannot be part of a file name."""
@@ -41,6 +67,12 @@ def depth_path(folder: Path, capture: str, source: str) -> Path:
     source: a method or a reference. Raises HandbenchError for a name that cannot be part of a file
     name."""
     return _path(folder / "depth", ".npz", capture, source)
+
+
+def frames_path(folder: Path, capture: str, method: str) -> Path:
+    """Return the path of the depths and velocities of all frames of a capture in a result
+    folder."""
+    return _path(folder / "frames", ".npz", capture, method)
 
 
 def photo_path(folder: Path, capture: str) -> Path:
@@ -64,6 +96,29 @@ def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMa
     """Write the depth map of a reference into a result folder. (A method's map is written by
     `DepthMap.save`.)"""
     write_npz(depth_path(folder, capture, reference), **_arrays(surface))
+
+
+def write_frames(folder: Path, capture: str, method: str, frames: Frames) -> None:
+    """Write the depths and velocities of all frames of a capture into a result folder, unless they
+    are larger than a reader accepts."""
+    kept = asdict(frames.cropped())
+    if sum(values.nbytes for values in kept.values()) < ARRAY_BYTES:
+        write_npz(frames_path(folder, capture, method), **kept)
+
+
+def read_frames(folder: Path, capture: str, method: str) -> Frames | None:
+    """Read the depths and velocities of all frames of a capture from a result folder; None if it
+    has none. Raises HandbenchError as `read_map` does."""
+    path = frames_path(folder, capture, method)
+    if not path.is_file():
+        return None
+    kept = read_npz(path, tuple(each.name for each in fields(Frames)))
+    shape = kept["times_s"].size, kept["y_m"].size, kept["x_m"].size
+    shapes = {"times_s": shape[:1], "y_m": shape[1:2], "x_m": shape[2:]}
+    for name, array in kept.items():
+        _require_map(path, name, array, shapes.get(name, shape))
+    _require_axes(path, kept)
+    return Frames(**kept)
 
 
 def _arrays(maps: SurfaceMap | ErrorMap) -> dict[str, np.ndarray]:
@@ -106,22 +161,29 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     shape = (arrays["y_m"].size, arrays["x_m"].size)
     for name, array in arrays.items():
-        expected = {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape)
-        if array.shape != expected or array.dtype.kind != "f" or min(shape) < 2:
-            raise HandbenchError(
-                f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
-                f"{expected} on a grid of "
-                "at least 2 × 2; run the benchmark again"
-            )
-        if (long := np.abs(array) > LONGEST_M).any():
-            raise HandbenchError(
-                f"{path}: '{name}' has the value {array[long][0]:g}; expected metres, at most "
-                f"{LONGEST_M:g}; run the benchmark again"
-            )
+        _require_map(path, name, array, {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape))
+    _require_axes(path, arrays)
+    return arrays
+
+
+def _require_map(path: Path, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
+    if array.shape != expected or array.dtype.kind != "f" or min(expected[-2:]) < 2:
+        raise HandbenchError(
+            f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
+            f"{expected} on a grid of "
+            "at least 2 × 2; run the benchmark again"
+        )
+    if (long := np.abs(array) > LONGEST_M).any():
+        raise HandbenchError(
+            f"{path}: '{name}' has the value {array[long][0]:g}; expected metres, at most "
+            f"{LONGEST_M:g}; run the benchmark again"
+        )
+
+
+def _require_axes(path: Path, arrays: dict[str, np.ndarray]) -> None:
     for name in ("x_m", "y_m"):
         if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
             raise HandbenchError(
                 f"{path}: '{name}' has positions that repeat or are NaN or infinite; run the "
                 "benchmark again"
             )
-    return arrays

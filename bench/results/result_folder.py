@@ -15,11 +15,13 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import (
+    Frames,
     SurfaceMap,
     depth_path,
     errors_path,
     photo_path,
     read_errors,
+    read_frames,
     read_map,
 )
 from handbench.support.errors import HandbenchError
@@ -131,6 +133,11 @@ class Result:
         """Read a depth map of one capture.
         source: a method, or a reference such as "truth" or "photogrammetry"."""
         return SurfaceMap(**read_map(depth_path(self.folder, capture, source), "z_m"))
+
+    def frames(self, capture: str, method: str) -> Frames | None:
+        """Read the depths and velocities of all frames of a capture by one method; None if the
+        capture has a single frame, or the method no velocities."""
+        return read_frames(self.folder, capture, method)
 
     def busy(self) -> dict[str, float]:
         """Return the methods whose times other work on the machine disturbed: method → mean number

@@ -14,12 +14,13 @@ from handbench.bench.datasets.checksums import CAPTURES, CHECKSUMS, listed_captu
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, load_benchmark
 from handbench.bench.run.jobs import scene_of
+from handbench.bench.run.planned_cost import simulating_s
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.folder import drop, is_owned_folder
-from handbench.support.progress import track
+from handbench.support.progress import part, predicted_work
 
 BENCH = "bench.toml"
 
@@ -53,10 +54,15 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
             bench.frames_of(source) if isinstance(source, Source) else 1,
         )
     _start(folder, _of_captures(bench, name, list(scenes)), overwrite)
-    for scene, place, frames in track(list(scenes.values()), "captures"):
-        at = folder / CAPTURES / scene.name
-        if not at.is_dir():
-            simulate_capture(build(scene, place), at, frames)
+    left = {
+        folder / CAPTURES / name: scene
+        for name, scene in scenes.items()
+        if not (folder / CAPTURES / name).is_dir()
+    }
+    with predicted_work(sum(simulating_s(scene) for scene, _, _ in left.values())):
+        for at, (scene, place, frames) in left.items():
+            with part(scene.name, simulating_s(scene)):
+                simulate_capture(build(scene, place), at, frames)
     write_checksums(folder)
     return len(scenes)
 

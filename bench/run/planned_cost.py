@@ -7,6 +7,7 @@ days.
 """
 
 from collections.abc import Iterable
+from itertools import product
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
@@ -14,12 +15,13 @@ from typing import NamedTuple
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
-from handbench.bench.run.sweep import ImagingSetting
+from handbench.bench.run.jobs import scene_of
+from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep, known_configs, motion_settings
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.groundtruth.options import BASE_BYTES, predict_effort
+from handbench.groundtruth.options import BASE_BYTES, EFFORT_SHARES, predict_effort
 from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.registry import method
-from handbench.support.config import Config, load
+from handbench.support.config import Config
 from handbench.support.cost import TERMS_PER_S
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -34,7 +36,10 @@ FITTED_S, FOCUSED_S = (0.6, 2.2)
 FRAME = 0.15  # of a stage, for each frame behind the first
 # echoes of a small body and of a hand; a simulated megapixel
 BODY_S, HAND_S, PHOTO_S = (0.5, 20.0, 0.9)
+PLACED_S = 15.0  # to simulate and measure the calibration target once
+MEGAPIXELS_PER_PX2 = 0.75e-6  # of a picture of 4 : 3, by the square of its longer side
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
+Part = tuple[str, str, str]  # names of a stage, its capture and its method
 
 
 class Work(NamedTuple):
@@ -52,27 +57,55 @@ def one_after_another(parts: Iterable[Work]) -> Work:
     return Work(sum(times_s), max(sizes))
 
 
-def of_run(bench: BenchFile, base: Path) -> Work:
-    """Predict processor time and peak memory of a whole benchmark.
-    base: folder to which the benchmark's paths are relative."""
-    return one_after_another(
-        _of_capture(bench, base, source) for source in (*bench.capture, *bench.calibration)
-    )
+def of_run(bench: BenchFile, base: Path) -> dict[Part, Work]:
+    """Predict processor time and peak memory of the stages of a benchmark.
+    base: folder to which the benchmark's paths are relative. Stages that take no time worth
+    mentioning are left out."""
+    predicted: dict[Part, Work] = {}
+    for source in (*bench.capture, *bench.calibration):
+        predicted |= _of_capture(bench, base, source)
+    return predicted
 
 
-def of_sweep(bench: BenchFile, base: Path, settings: Iterable[ImagingSetting], rounds: int) -> Work:
-    """Predict processor time and peak memory of a trade-off: of its captures, and of imaging with
-    every setting, each timed `rounds` times.
-    base: folder to which the benchmark's paths are relative. Exact images cost no more than fast
-    ones here, because the trade-off sums only a few of their planes."""
+def of_sweep(
+    bench: BenchFile, base: Path, sweep: TradeoffSweep, settings: Iterable[ImagingSetting]
+) -> dict[str, Work]:
+    """Predict processor time and peak memory of a trade-off: "captures", which are opened or
+    simulated first, and each section.
+    base: folder to which the benchmark's paths are relative; settings: those of imaging. Exact
+    images cost no more than fast ones here, because the trade-off sums only a few of their planes.
+    The sections other than imaging are predicted roughly."""
+    sources = bench.capture
     configs = [
         (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
         for s in settings
     ]
-    parts = [imaging(config, channels, rounds, exact=False) for config, channels in configs] * len(
-        bench.capture
-    )
-    return one_after_another([of_run(bench.model_copy(update={"method": ()}), base), *parts])
+    images = [imaging(config, channels, sweep.repeats, exact=False) for config, channels in configs]
+    photos, simulated, placed = sweep.groundtruth, sweep.simulation, sweep.registration
+    meshes = [
+        predict_effort(views, views * MEGAPIXELS_PER_PX2 * long_px**2, quality)
+        for views, long_px, quality in product(photos.views, photos.long_px, photos.quality)
+    ]
+    ways = len(simulated.facets_per_wavelength) * len(simulated.without)
+    sections = {
+        "imaging": one_after_another(images * len(sources)),
+        "groundtruth": one_after_another(Work(core_s, bytes_) for core_s, bytes_ in meshes),
+        "simulation": Work(BODY_S * sweep.repeats * len(simulated.scenes) * ways),
+        "registration": Work(PLACED_S * placed.trials * max(placed.captures)),
+    }
+    if "motion" in sweep.sections:
+        knobs = sweep.motion
+        moved = {speed_m_s * step_s for speed_m_s in knobs.speed_m_s for step_s in knobs.step_s}
+        frames = [
+            imaging(method(s.method).configure(s.config, s.name), exact=False)
+            for s in motion_settings(sweep, known_configs(bench.method))
+        ]
+        times = len(knobs.speed_m_s) * len(knobs.step_s)
+        sections["motion"] = one_after_another([Work(HAND_S * len(moved)), *frames * times])
+    opened = of_run(bench.model_copy(update={"method": ()}), base).values()
+    return {"captures": one_after_another(opened)} | {
+        name: sections[name] for name in sweep.sections
+    }
 
 
 def imaging(
@@ -99,17 +132,27 @@ def imaging(
     return Work(STAGE_S + core_s * (1 + FRAME * (frames - 1)), size)
 
 
-def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
-    """Predict the cost of all stages of one capture.
-    base: folder to which the benchmark's paths are relative. A capture that cannot be opened costs
-    zero, because opening it later reports the error."""
+def _of_capture(bench: BenchFile, base: Path, source: Origin) -> dict[Part, Work]:
+    """Predict the cost of the stages of one capture.
+    base: folder to which the benchmark's paths are relative. A capture that cannot be opened has no
+    stage, because opening it later reports the error."""
     measures = source.measures if isinstance(source, Source) else ()
     try:
         folder = inside(base, source.path, "capture.path") if source.path is not None else None
-        made_s, count, megapixels = _recorded(folder) if folder else _simulated(base, source)
+        about = open_capture(folder).about if folder else None
+        if folder and about:
+            name, made_s, (count, megapixels) = about.name, 0.0, _recorded(folder)
+        else:
+            scene = scene_of(bench, base, source)[0]
+            if "accuracy" not in getattr(source, "measures", ("accuracy",)):
+                scene = scene.model_copy(update={"photos": None})
+            name, made_s, (count, megapixels) = scene.name, simulating_s(scene), _photos(scene)
         mesh_s, size = predict_effort(count, megapixels, bench.groundtruth.quality)
-        parts = [Work(STAGE_S + made_s + mesh_s + (inspecting(folder) if measures else 0.0), size)]
-        about = open_capture(folder).about if folder and bench.method else None
+        predicted = {("simulate", name, ""): Work(STAGE_S + made_s)}
+        for stage, share in EFFORT_SHARES.items():
+            predicted[stage, name, ""] = Work(share * mesh_s, size)
+        if measures:
+            predicted["inspect", name, ""] = Work(inspecting(folder))
         for entry in (e for e in bench.method if measures and not e.foreign):
             values = (
                 entry.config
@@ -117,18 +160,21 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> Work:
                 else configured(about, entry.id, entry.config).model_dump()
             )
             settings = method(entry.id).configure(values, entry.id)
-            wanted = {"accuracy": bench.frames} | (
-                {"precision": bench.repeats} if entry.precision else {}
+            wanted = {"accuracy": ("reconstruct", bench.frames)} | (
+                {"precision": ("repeat", bench.repeats)} if entry.precision else {}
             )
             channels = CHANNELS / entry.every_nth_antenna**2
-            parts += [
-                imaging(settings, channels, wanted[measure])
-                for measure in measures
-                if measure in wanted
-            ]
-        return one_after_another(parts)
+            for stage, frames in (wanted[measure] for measure in measures if measure in wanted):
+                predicted[stage, name, entry.id] = imaging(settings, channels, frames)
+        return predicted
     except (HandbenchError, OSError):
-        return Work(0.0)
+        return {}
+
+
+def simulating_s(scene: SceneFile) -> float:
+    """Predict the processor time to simulate a scene, s."""
+    body_s = HAND_S if scene.target.kind == "hand" else BODY_S
+    return body_s + PHOTO_S * _photos(scene)[1]
 
 
 def inspecting(folder: Path | None) -> float:
@@ -139,11 +185,10 @@ def inspecting(folder: Path | None) -> float:
     return FITTED_S if capture is None or capture.truth or capture.mesh() else FOCUSED_S
 
 
-def _recorded(folder: Path) -> tuple[float, int, float]:
-    """Return what must be done before a recorded capture can be scored: the time to simulate it (0
-    s), and number and total megapixels of the photographs to reconstruct.
-    There are none to reconstruct if the capture has a mesh. All photographs are taken to be as
-    large as the first."""
+def _recorded(folder: Path) -> tuple[int, float]:
+    """Return number and total megapixels of the photographs to reconstruct of a recorded capture.
+    There are none if the capture has a mesh. All photographs are taken to be as large as the
+    first."""
     capture = open_capture(folder)
     pictures = (
         sorted(capture.photos.glob("*.[jJpPtT]*"))
@@ -151,30 +196,16 @@ def _recorded(folder: Path) -> tuple[float, int, float]:
         else []
     )
     if not pictures:
-        return 0.0, 0, 0.0
+        return 0, 0.0
     with open_picture(pictures[0]) as picture:
-        return 0.0, len(pictures), 1e-6 * prod(picture.size) * len(pictures)
+        return len(pictures), 1e-6 * prod(picture.size) * len(pictures)
 
 
-def _simulated(base: Path, source: Origin) -> tuple[float, int, float]:
-    """Return the processor time to simulate a scene, s, and the number and total megapixels of the
-    photographs to be rendered and reconstructed.
-    base: folder to which the benchmark's paths are relative."""
-    scene = load(
-        SceneFile, inside(base, source.scene or "", "capture.scene"), "a scene description"
-    )
-    photos = (
-        scene.photos
-        if source.photos and "accuracy" in getattr(source, "measures", ("accuracy",))
-        else None
-    )
-    count, megapixels = (
+def _photos(scene: SceneFile) -> tuple[int, float]:
+    """Return number and total megapixels of a scene's photographs."""
+    photos = scene.photos
+    return (
         (photos.cameras, 1e-6 * photos.cameras * photos.width * photos.height)
         if photos
         else (0, 0.0)
-    )
-    return (
-        (HAND_S if scene.target.kind == "hand" else BODY_S) + PHOTO_S * megapixels,
-        count,
-        megapixels,
     )

@@ -4,10 +4,12 @@ Results do not depend on the executor, because the table is made from the files 
 folders. A stage that fails is reported and recorded, and the run goes on without it.
 """
 
+from collections.abc import Mapping
 from concurrent.futures import Executor, Future
 from itertools import product
 from pathlib import Path
 from queue import SimpleQueue
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +35,7 @@ from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.folder import locked
-from handbench.support.progress import say
+from handbench.support.progress import begin, end, predicted_work, say
 from handbench.support.store import Stage, Stamp, cached
 
 
@@ -53,9 +55,9 @@ def run(
     Raises HandbenchError if the folder has the results of another benchmark, the predicted time is
     too long, or every capture fails."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    ahead = planned_cost.Work(0.0)
+    predicted = planned_cost.of_run(bench, base)
+    ahead = planned_cost.one_after_another(predicted.values())
     if scheduler is None:  # of other machines neither cores nor memory are known
-        ahead = planned_cost.of_run(bench, base)
         require_time(
             ahead.core_s,
             f"{len(bench.capture)} captures × {len(bench.method)} methods",
@@ -64,9 +66,10 @@ def run(
     with (
         locked(folder) as work,
         executors.executor(scheduler, ahead.core_s, ahead.bytes_) as executor,
+        predicted_work(ahead.core_s),
     ):
         _check_room(folder, config, overwrite)
-        job = Run(bench, base.resolve(), work.resolve(), executor)
+        job = Run(bench, base.resolve(), work.resolve(), executor, predicted)
         job.open()
         job.inspect()
         stages = [*job.photographed(), *job.imaging()]
@@ -111,10 +114,18 @@ class Run:
     base: folder to which the benchmark's paths are relative; work: folder with one folder for each
     stage. found: everything that the steps have found so far; targets: captures of the calibration
     target; registration: transform from the photo frame to the radar frame; meshes: capture →
-    folder with the mesh of its photographs."""
+    folder with the mesh of its photographs; predicted: cost of the stages, for the progress bar."""
 
-    def __init__(self, bench: BenchFile, base: Path, work: Path, executor: Executor) -> None:
+    def __init__(
+        self,
+        bench: BenchFile,
+        base: Path,
+        work: Path,
+        executor: Executor,
+        predicted: Mapping[planned_cost.Part, planned_cost.Work] = MappingProxyType({}),
+    ) -> None:
         self.bench, self.base, self.work, self.executor = bench, base, work, executor
+        self.predicted = predicted
         self.found = Outcome(bench, [], [])
         self.targets: list[RunCapture] = []
         self.registration: Transform | None = None
@@ -292,6 +303,7 @@ class Run:
             while waiting or running:
                 if waiting and len(running) < executors.IN_FLIGHT and finished.empty():
                     number = waiting.pop()
+                    self._begin(stages[number])
                     job = plan.content_key if stages[number].name == HASH else cached
                     future = executor.submit(job, self.work, stages[number])
                     running[future] = number
@@ -308,6 +320,11 @@ class Run:
                 self.found.machines.setdefault(each.machine.get("host", ""), each.machine)
         return done
 
+    def _begin(self, stage: Stage) -> None:
+        """Show a stage as begun on the progress bar."""
+        part = stage.name, stage.capture, stage.method
+        begin(stage.label, self.predicted[part].core_s if part in self.predicted else 0.0)
+
     def _outcome(self, stage: Stage, future: Future[Any]) -> StageOutcome:
         """Print how a stage ended, and return its outcome.
         future: the finished future of its job. Raises any error of the job that is not a
@@ -318,11 +335,14 @@ class Run:
             failed = Failure(
                 capture=stage.capture, method=stage.method, stage=stage.name, message=str(error)
             )
+            end(stage.label)
             say(failed.line)
             return StageOutcome(failure=failed)
         if stage.name == HASH:
+            end(stage.label)
             return StageOutcome(made)
         stamp, there = made
+        end(stage.label, skipped=there)
         say(f"{stage.label}: " + ("cached" if there else f"{stamp.seconds:.1f} s"))
         return StageOutcome(
             stage.key,

@@ -190,10 +190,10 @@ def read_reference(
     grid = read_npz(errors_path(folder, capture, method, reference), ("x_m", "y_m"))
     path = _reference_path(folder, reference, grid_name(**grid))
     z_m, mesh_sigma_m, met, leverage, covariance = read_npz(path, KEPT).values()
-    registered = (
-        (leverage, replace(transform, covariance=covariance)) if covariance.size else (None, None)
-    )
-    return Reference(z_m, mesh_sigma_m, *registered, met)
+    if not covariance.size:
+        return Reference(z_m, mesh_sigma_m, None, None, met)
+    registration = replace(transform, covariance=covariance)
+    return Reference(z_m, mesh_sigma_m, leverage, registration, met)
 
 
 def write_reference(folder: Path, name: str, grid: str, reference: Reference) -> None:

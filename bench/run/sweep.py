@@ -32,7 +32,7 @@ from handbench.support.config import Config, checked_name, load, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.limits import MOST_TABLES
 
-SectionName = Literal["imaging", "groundtruth", "simulation", "registration"]
+SectionName = Literal["imaging", "groundtruth", "simulation", "registration", "motion"]
 SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
 ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
@@ -168,6 +168,33 @@ class RegistrationKnobs(Config):
     trials: int = Field(default=3, ge=1, le=MOST_RIGS)
 
 
+class MotionKnobs(Config):
+    """The parameters that a trade-off varies for a hand that moves away from the array.
+    speed_m_s: its speeds; step_s: times that the radar takes for one tone; imaging: methods and
+    their tones, as in [[tradeoff.imaging]]. phase_noise_rad: noise between two tones at the
+    strongest pixel for a step of 1 ms; its power is inversely proportional to the step."""
+
+    speed_m_s: tuple[Annotated[float, Field(ge=0, le=10)], ...] = Field(
+        default=(0, 0.02, 0.05, 0.1, 0.2, 0.5), min_length=1, max_length=MOST_VALUES
+    )
+    step_s: tuple[Annotated[float, Field(ge=1e-6, le=0.1)], ...] = Field(
+        default=(2e-4, 5e-4, 1e-3, 2e-3), min_length=1, max_length=MOST_VALUES
+    )
+    imaging: tuple[ImagingEntry, ...] = Field(
+        default=(
+            ImagingEntry(method="2fsk"),
+            ImagingEntry(method="3fsk", sweep={"f3_hz": (79.5e9, 77e9)}),
+            ImagingEntry(method="2fsk-doppler"),
+            ImagingEntry(method="3fsk-doppler", sweep={"f3_hz": (79.5e9, 77e9)}),
+            ImagingEntry(method="nfsk-doppler"),
+            ImagingEntry(method="broadband", sweep={"count": (8, 32)}),
+        ),
+        min_length=1,
+        max_length=MOST_VALUES,
+    )
+    phase_noise_rad: float = Field(default=0.034, ge=0, le=10)
+
+
 class TradeoffSweep(Config):
     """The table [tradeoff] of a benchmark file: which stages are varied, and over which parameters.
     repeats: how often each setting is timed, in rounds over all settings. step_s: the sensor's time
@@ -184,6 +211,7 @@ class TradeoffSweep(Config):
     groundtruth: GroundTruthKnobs = Field(default_factory=GroundTruthKnobs)
     simulation: SimulationKnobs = Field(default_factory=SimulationKnobs)
     registration: RegistrationKnobs = Field(default_factory=RegistrationKnobs)
+    motion: MotionKnobs = Field(default_factory=MotionKnobs)
 
 
 def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
@@ -237,6 +265,12 @@ def imaging_settings(
             f"{', '.join(names)}"
         )
     return settings
+
+
+def motion_settings(sweep: TradeoffSweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
+    """List the imaging settings of a trade-off's moving hand, as `imaging_settings` does."""
+    entries = {"imaging": sweep.motion.imaging, "reference": None}
+    return imaging_settings(sweep.model_copy(update=entries), known)
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:

@@ -32,6 +32,7 @@ from handbench.bench.results import (
     REFERENCES,
     About,
     CaptureFacts,
+    Frames,
     MethodFacts,
     SurfaceMap,
     metric_facts,
@@ -45,7 +46,9 @@ from handbench.bench.results.derived import (
 )
 from handbench.bench.run import scoring
 from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, errors, surfaces
+from handbench.bench.run.reconstruct_stage import VELOCITY, read_frames, read_times
 from handbench.bench.run.repeat_stage import read_repeats
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import calibrated_machine
 from handbench.support.files import atomic_path, read_npz
@@ -58,6 +61,7 @@ FILES = (
     "config.toml",
     "errors",
     "depth",
+    "frames",
     "photos",
     *(f"{name}.csv" for name in results.TABLES),
 )
@@ -78,6 +82,8 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     for capture, entry in product(on.captures, on.methods):
         name = capture.name
         _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
+        if frames := _frames(outcome.maps[name, entry.id]):
+            results.write_frames(folder, name, entry.id, frames)
         for reference in outcome.references[name]:
             about_map = name, entry.id, reference
             _copy(
@@ -108,6 +114,18 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
 def _copy(source: Path, path: Path) -> None:
     with atomic_path(path) as temporary:
         shutil.copyfile(source, temporary)
+
+
+def _frames(first: Path) -> Frames | None:
+    """Read the depths and velocities of all frames that an imaging stage has made; None if there is
+    a single frame, or no velocities or times of the frames. first: depth map of the first frame."""
+    maps, times_s = read_frames(first.parent, load_depthmap(first)), read_times(first.parent)
+    if not maps or maps[0].velocity_m_s is None or "frame_times_s" not in times_s:
+        return None
+    z_m, velocity_m_s = (np.stack([getattr(m, n) for m in maps]) for n in ("z_m", VELOCITY))
+    return Frames(
+        maps[0].x_m, maps[0].y_m, z_m, velocity_m_s, np.array(times_s["frame_times_s"], np.float64)
+    )
 
 
 def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:

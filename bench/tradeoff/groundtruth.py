@@ -105,7 +105,9 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
                     "peak_memory_mb": cost.peak_memory_mb,
                 }
 
-        found = in_rounds(choices, 1, reconstructed, "ground truth")
+        found = in_rounds(
+            choices, 1, reconstructed, "ground truth", inputs.predicted_s.get("groundtruth", 0.0)
+        )
     reference = NAME.format(views=max(views), long_px=max(sizes_px), quality=knobs.quality[-1])
     about = section("groundtruth", reference, {"capture": capture, "step_mm": 1e3 * GRID_M})
     lines = []

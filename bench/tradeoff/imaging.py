@@ -101,7 +101,9 @@ def measure_imaging(inputs: TradeoffInputs) -> MeasuredSection:
                     yield {"capture": capture.name, **times, **figures[key]}
 
     compile_kernels()
-    frames = in_rounds(settings, sweep.repeats, frames_of, "imaging")
+    frames = in_rounds(
+        settings, sweep.repeats, frames_of, "imaging", inputs.predicted_s.get("imaging", 0.0)
+    )
     bench = inputs.bench.model_copy(
         update={"method": tuple(MethodEntry(id=name) for name in settings)}
     )

@@ -5,6 +5,7 @@ import os
 import shutil
 import traceback
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,18 @@ from handbench.bench.results import (
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry, Source
 from handbench.bench.run.executors import LocalExecutor
 from handbench.bench.run.outcome import RunCapture
-from handbench.bench.run.planned_cost import of_sweep
+from handbench.bench.run.planned_cost import of_sweep, one_after_another
 from handbench.bench.run.runner import Run
-from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, imaging_settings, known_configs
+from handbench.bench.run.sweep import (
+    TradeoffSweep,
+    complete_sweep,
+    imaging_settings,
+    known_configs,
+    motion_settings,
+)
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.imaging import measure_imaging
+from handbench.bench.tradeoff.motion import measure_motion
 from handbench.bench.tradeoff.settings import (
     MeasuredSection,
     TradeoffInputs,
@@ -42,7 +50,7 @@ from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.folder import drop, locked
-from handbench.support.progress import say
+from handbench.support.progress import part, predicted_work, say
 from handbench.support.store import versions
 
 MEASURE = {
@@ -50,6 +58,7 @@ MEASURE = {
     "groundtruth": measure_groundtruth,
     "simulation": measure_simulation,
     "registration": measure_registration,
+    "motion": measure_motion,
 }
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 STEP = (
@@ -84,14 +93,22 @@ def run(
     bench = bench.model_copy(update={"tradeoff": sweep})
     # errors are reported before anything is measured
     settings = imaging_settings(sweep, known_configs(bench.method))
+    if "motion" in sweep.sections:
+        motion_settings(sweep, known_configs(bench.method))
+    predicted = of_sweep(bench, base, sweep, settings)
+    ahead = one_after_another(predicted.values())
+    what = f"{', '.join(sweep.sections)}: {len(bench.capture)} captures"
     if "imaging" in sweep.sections:
-        work_ahead = of_sweep(bench, base, settings, sweep.repeats)
-        what = f"imaging: {len(bench.capture)} captures × {len(settings)} settings"
-        require_time(work_ahead.core_s, what, work_ahead.bytes_)
+        what += f" × {len(settings)} settings"
+    require_time(ahead.core_s, what, ahead.bytes_)
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    with locked(folder) as work:
+    with locked(folder) as work, predicted_work(ahead.core_s):
         same = _check_room(folder, config, overwrite)
-        inputs = open_inputs(bench, base, work)
+        with part("captures", predicted["captures"].core_s):
+            inputs = open_inputs(bench, base, work)
+        inputs = replace(
+            inputs, predicted_s={name: each.core_s for name, each in predicted.items()}
+        )
         if same and not overwrite and (folder / "tradeoff.json").exists():
             before = load_tradeoff(folder)
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():

@@ -17,6 +17,7 @@ import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -31,7 +32,7 @@ from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.bench.run.sweep import ImagingSetting, SectionName, TradeoffSweep
 from handbench.support.cost import Cost, measured
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import track
+from handbench.support.progress import part
 
 HEADROOM = 1.1  # of a later run over the slowest round: the rounds are few
 T = TypeVar("T")
@@ -45,7 +46,8 @@ class TradeoffInputs:
     bench: the benchmark with its sweep of settings; base: folder to which its paths are relative;
     work: folder of the run's stages. found: captures, references and failures of a run without
     methods. reference: name of the surface that errors are measured from. targets: captures of the
-    calibration target, if that surface comes from photographs.
+    calibration target, if that surface comes from photographs. predicted_s: section → predicted
+    processor time, s.
     """
 
     bench: BenchFile
@@ -54,6 +56,7 @@ class TradeoffInputs:
     found: Outcome
     reference: str = "truth"
     targets: list[RunCapture] = field(default_factory=list)
+    predicted_s: dict[str, float] = field(default_factory=dict)
 
     @property
     def sweep(self) -> TradeoffSweep:
@@ -103,6 +106,7 @@ def in_rounds(
     rounds: int,
     measure: Callable[[T], Iterable[dict[str, Any]]],
     title: str,
+    predicted_s: float = 0.0,
 ) -> dict[str, list[dict[str, Any]]]:
     """Measure every setting once per round, so that a machine that becomes slower affects all
     settings equally.
@@ -112,14 +116,16 @@ def in_rounds(
         rounds: how many times each setting is measured.
         measure: function from a setting to its results (dictionaries): one, several (for instance
             one per capture), or none if the setting fails.
-        title: title of the progress bar.
+        title: name of the measurement, for the progress bar.
+        predicted_s: predicted processor time of all of it, s.
 
     Returns:
         name → the setting's results, each with its `round`, from 0.
     """
     lines: dict[str, list[dict[str, Any]]] = {name: [] for name in settings}
-    for number in range(rounds):
-        for name in track(list(settings), f"{title}, round {number + 1} of {rounds}"):
+    for number, name in product(range(rounds), settings):
+        label = f"{title}, round {number + 1} of {rounds}: {name}"
+        with part(label, predicted_s / (rounds * len(settings))):
             lines[name] += [{"round": number, **line} for line in measure(settings[name])]
     return lines
 
@@ -167,7 +173,9 @@ def line(
 
 def dominates(one: Setting, other: Setting) -> bool:
     """Return True if `one` is at least as fast, accurate and complete as `other`, and better in one
-    of these; False if either has no error or no time."""
+    of these; False if either has no error or no time, or their targets differ in speed."""
+    if one.speed_m_s != other.speed_m_s:
+        return False
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     if None in (*ours, *theirs) or ours == theirs:
         return False

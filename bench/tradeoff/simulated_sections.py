@@ -41,7 +41,7 @@ from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.selection import CONTAINED, EFFECTS, choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.radar.warmup import compile_kernels
-from handbench.support.progress import track
+from handbench.support.progress import part, track
 
 TONES_HZ = np.array([72e9, 79.5e9, 81.3e9, 81.8e9, 82e9])
 METHOD = "3fsk"
@@ -149,7 +149,13 @@ def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
             error_mm, both = map_difference(depths_m(capture), reference_m)
             yield {"seconds": seconds, "error": error_mm, "seen_percent": 100 * both}
 
-    found = in_rounds(listed, inputs.sweep.repeats, simulated, "simulation")
+    found = in_rounds(
+        listed,
+        inputs.sweep.repeats,
+        simulated,
+        "simulation",
+        inputs.predicted_s.get("simulation", 0.0),
+    )
     words = {"scenes": "; ".join(knobs.scenes), "finest": finest.words}
     about = section("simulation", next(iter(listed)), words)
     lines = []
@@ -229,16 +235,18 @@ def measure_registration(inputs: TradeoffInputs) -> MeasuredSection:
     transform at points where hands are.
     """
     knobs = inputs.sweep.registration
+    trial_s = inputs.predicted_s.get("registration", 0.0) / knobs.trials
     compile_kernels()
     failures: list[Failure] = []
     rigs: dict[int, list[TargetMeasurement]] = {}
     with tempfile.TemporaryDirectory(dir=inputs.work, prefix=".registration-") as folder:
-        for trial in track(range(knobs.trials), "registration", knobs.trials):
+        for trial in range(knobs.trials):
             number = MOST_RIGS * (MOST_RIGS * inputs.bench.seed + trial)
             rigs[number] = []
-            for placed in placements(number, max(knobs.captures), Path(folder)):
-                with recorded_failure(failures, f"placement {placed.number}", "registration"):
-                    rigs[number].append(measure_placement(placed))
+            with part(f"registration, trial {trial + 1} of {knobs.trials}", trial_s):
+                for placed in placements(number, max(knobs.captures), Path(folder)):
+                    with recorded_failure(failures, f"placement {placed.number}", "registration"):
+                        rigs[number].append(measure_placement(placed))
     sensor = placed.scene.file.sensor
 
     def combined(count: int) -> Iterator[dict[str, float]]:

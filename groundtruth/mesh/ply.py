@@ -103,7 +103,10 @@ def write_ply(path: Path, columns: dict[str, np.ndarray], faces: np.ndarray) -> 
     """Write a binary PLY file. columns: the vertices' properties [n] by name, float32 or float64;
     faces [m, 3]: triangles of vertex indices."""
     kinds = {"f": "float", "d": "double"}
-    vertices = np.rec.fromarrays(columns.values(), names=list(columns))
+    layout = np.dtype([(name, column.dtype) for name, column in columns.items()])
+    vertices = np.empty(len(next(iter(columns.values()))), layout)
+    for name, column in columns.items():
+        vertices[name] = column
     triangles = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
     triangles["count"], triangles["corners"] = 3, faces
     header = [

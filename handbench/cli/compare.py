@@ -1,14 +1,15 @@
 """`handbench compare`: the differences between the figures of two results."""
 
 import argparse
+import json
 
 from handbench.cli.options import free
 from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Compare two result folders and print the differences; with -o, also write them into a
-    folder."""
+    """Compare two result folders and print the differences, as tables or as JSON; with -o, also
+    write them into a folder."""
     from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared
     from handbench.reports.tables.comparison import show, write
@@ -24,4 +25,7 @@ def run(options: argparse.Namespace) -> None:
     if options.out is not None:
         write_compared(options.out, compared)
         write(compared, options.out)
-    show(compared)
+    if options.json:
+        print(json.dumps(compared.content(), indent=2))
+    else:
+        show(compared)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from handbench.bench.evaluation.metrics import Values
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> str | None:
     """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal,
     otherwise as JSON.
     Warnings are printed first, on stderr."""
@@ -59,6 +59,9 @@ def run(options: argparse.Namespace) -> None:
         if values["floor_mm"]:
             floor = floor_interval([errors], [reference])
         _table(f"{options.depth}: {depth.method}", values, floor, about.get("refined"))
+    if (mae_mm := values["mae_mm"]) is None:
+        return None
+    return f"{options.depth}: MAE {mae_mm:.4g} mm, {values['observed_percent']:.3g} % observed"
 
 
 def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:

@@ -12,14 +12,13 @@ MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> str:
     """Reconstruct a mesh in metres from photographs, or convert a mesh file in the unit --unit to
     metres, and write it (-o).
     Prints a summary as JSON."""
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
-        _take_over(options)
-        return
+        return _take_over(options)
     if options.unit is not None:
         raise HandbenchError(
             f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
@@ -31,7 +30,8 @@ def run(options: argparse.Namespace) -> None:
     from handbench.groundtruth.pipeline import reconstruct
     from handbench.support.config import parse
     from handbench.support.cost import require_time
-    from handbench.support.progress import say
+    from handbench.support.parallel import workers
+    from handbench.support.progress import say, work
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
@@ -44,12 +44,17 @@ def run(options: argparse.Namespace) -> None:
     require_time(
         core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_
     )
-    result = reconstruct(options.photos, chosen, options.workdir)
+    with work(1.0, workers() / core_s):  # its parts are shares of the whole
+        result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     print(json.dumps(result.summary(), indent=2))
+    return (
+        f"{options.out}: {len(result.surface.faces)} triangles from {result.photographs} of "
+        f"{len(photos)} photographs"
+    )
 
 
-def _take_over(options: argparse.Namespace) -> None:
+def _take_over(options: argparse.Namespace) -> str:
     from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
@@ -60,6 +65,7 @@ def _take_over(options: argparse.Namespace) -> None:
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
     print(json.dumps({"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}, indent=2))
+    return f"{options.out}: {len(mesh.triangles)} triangles in metres"
 
 
 def _values(options: argparse.Namespace) -> dict[str, Any]:

@@ -37,4 +37,4 @@ def run(options: argparse.Namespace) -> None:
         import_planar_scan(options.source, options.out)
     else:
         import_capture(options.dataset, options.source, options.out)
-    say(f"capture: {options.out}")
+    say(f"the capture is in {options.out}")

@@ -10,7 +10,7 @@ from handbench.support.errors import HandbenchError
 
 SECTIONS = {  # as commands.toml names them → title
     "methods": "methods",
-    "plugins": "plug-ins that could not be loaded",
+    "plugins": "plug-ins",
     "metrics": "metrics",
     "benchmarks": "embedded benchmarks",
     "effects": "effects of simulated echoes",
@@ -67,7 +67,10 @@ def _entries(section: str) -> Iterator[list[str]]:
     else:
         imported = ", ".join(declared_commands(COMMANDS)["import"]["options"]["dataset"]["choices"])
         lines = {
-            "plugins": [f"{name}: {reason}" for name, reason in BROKEN.items()],
+            "plugins": [
+                *(f"{m.id}: by {with_version(m.distribution)}" for m in known if m.distribution),
+                *(f"{name}: {reason} (not loaded)" for name, reason in BROKEN.items()),
+            ],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),
             "datasets": [

@@ -8,6 +8,7 @@ import io
 import os
 import resource
 import sys
+import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
@@ -16,6 +17,7 @@ from importlib.metadata import version
 from handbench.cli.options import COMMANDS, add_options, declared_commands
 from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import duration, say
 
 # of addresses, without which libraries hang or crash as they are loaded
 LIBRARIES_BYTES, THREAD_BYTES = (2**31, 2**28)
@@ -55,8 +57,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _require_addresses()
         with called_from("command line"), _device(options):
-            import_module(f"handbench.cli.{options.module}").run(options)
+            start = time.monotonic()
+            summary = import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()
+        if summary and sys.stdout.isatty():
+            say(f"{summary}, in {duration(time.monotonic() - start)}")
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2

@@ -37,7 +37,7 @@ MESHES = (".ply", ".obj", ".stl")
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in a drawing's title
 VIEWED_PX = 320  # of a mesh, along its longest side
 RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
-MAPS = ("z_m", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
+MAPS = ("z_m", "velocity_m_s", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
 # of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first
 # two
 TURNS = {

@@ -7,6 +7,7 @@ from pathlib import Path
 from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
 from handbench.bench.run.benchmark_file import embedded_benchmarks
 from handbench.bench.run.capture_set import BENCH, simulate_benchmark
+from handbench.bench.run.planned_cost import simulating_s
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
 from handbench.bench.scenes.photographs import photo_effects
@@ -14,10 +15,10 @@ from handbench.cli.options import free_folder
 from handbench.radar.simulation.known_effects import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import say
+from handbench.support.progress import part, predicted_work
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> str | None:
     """Simulate a scene and write its capture, or all captures of a benchmark.
     With --explain, only print the physical effects that would be simulated: the size of each, and
     why it is on or off."""
@@ -28,20 +29,27 @@ def run(options: argparse.Namespace) -> None:
                 "add -o DIR and leave these out, or name a scene file"
             )
         count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
-        print(f"{count} capture{'s' * (count > 1)}: handbench run {options.out / BENCH} -o RESULT")
-        return
+        captures = f"{count} capture{'s' * (count > 1)}"
+        print(f"{captures}: handbench run {options.out / BENCH} -o RESULT")
+        return f"{options.out}: {captures} simulated"
     if options.explain:
         scene = load_scene(options.scene)
         photographs = photo_effects(scene.file.photos) if scene.file.photos else ()
         show(choices(scene, explain=True) + photographs)
-        return
+        return None
     if options.out is None:
         raise HandbenchError(
             "-o: is missing; add -o DIR for the capture folder, or use --explain without it"
         )
     free_folder(options.out, options.overwrite, WRITTEN)
-    show(simulate_capture(load_scene(options.scene), options.out, options.frames))
-    say(f"capture: {options.out}")
+    scene = load_scene(options.scene)
+    core_s = simulating_s(scene.file)
+    with predicted_work(core_s), part(scene.file.name, core_s):
+        effects = simulate_capture(scene, options.out, options.frames)
+    show(effects)
+    frames = f"{options.frames} frames of echoes" if options.frames > 1 else "echoes"
+    photographs = f", {len(scene.cameras)} photographs" if scene.cameras else ""
+    return f"{options.out}: {frames}{photographs}, {sum(row.on for row in effects)} effects on"
 
 
 def _is_benchmark(path: Path) -> bool:

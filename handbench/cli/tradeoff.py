@@ -17,7 +17,7 @@ LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in milli
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> str:
     """Measure error and time of the benchmark's settings, print the settings that no other beats
     (the front) and write a report.
     --max-mae and --max-time ask for one setting within these limits. If there is none,
@@ -47,13 +47,15 @@ def run(options: argparse.Namespace) -> None:
     print(f"report: {build(options.out, options.out / 'report')}")
     if error_mm or seconds:
         chosen, asked = answer(found, error_mm, seconds, options.count_acquisition)
-        figures = f"MAE {_text(chosen.error)} mm ({_range(chosen.low, chosen.high)})"
+        figures = f"MAE {_text(chosen.error)} mm{_within(chosen.low, chosen.high)}"
         times = (
-            f"{_text(1e3 * (chosen.seconds or 0.0))} ms "
-            f"({_range(chosen.seconds_low, chosen.seconds_high, 1e3)})"
+            f"{_text(1e3 * (chosen.seconds or 0.0))} ms"
+            f"{_within(chosen.seconds_low, chosen.seconds_high, 1e3)}"
         )
         print(f"{asked}: {chosen.name}, {figures}, {times}")
         print(f"handbench run {setting_path(found.folder, chosen.name)} -o RESULTS")
+    best = sum(setting.on_front for setting in found.settings)
+    return f"{options.out}: {best} of {len(found.settings)} settings are beaten by no other"
 
 
 def quantity(text: str, units: dict[str, float], option: str) -> float:
@@ -80,10 +82,12 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
         counted = count_acquisition and section.name == "imaging"
         if counted:
             settings = rank(with_acquisition(settings), section.reference)
-        print(
-            f"{section.title}: {section.metric} against "
-            f"{'frame and acquisition' if counted else 'time'}"
-        )
+        moving = any(s.speed_m_s is not None for s in settings)
+        against = "speed" if moving else "frame and acquisition" if counted else "time"
+        print(f"{section.title}: {section.metric} against {against}")
+        if moving:
+            print(_over_speed(section, settings))
+            continue
         print(_front(section, settings))
         print(*_beaten(settings), "", sep="\n")
     for claim in tradeoff.facts.claims:
@@ -94,6 +98,24 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
             f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured "
             f"{measured}"
         )
+
+
+def _over_speed(section: Section, settings: Sequence[Setting]) -> str:
+    """Return a Markdown table of the most accurate setting at each speed of the target."""
+    from handbench.bench.results import best_at_each_speed
+
+    best = best_at_each_speed(settings)
+    columns = {
+        "m/s": [f"{s.speed_m_s:g}" for s in best],
+        "most accurate": [s.name for s in best],
+        section.unit: [_text(s.error) for s in best],
+        "seen %": [_text(s.seen_percent, 4) for s in best],
+        "velocity mm/s": [
+            _text(s.velocity_mae_mm_s) + (" (beyond limit)" if s.beyond_limit else "") for s in best
+        ],
+        "frame ms": [_text(s.seconds and 1e3 * s.seconds) for s in best],
+    }
+    return markdown_table(columns, texts=("most accurate",))
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:
@@ -144,3 +166,8 @@ def _text(value: float | None, digits: int = 3) -> str:
 
 def _range(low: float | None, high: float | None, scale: float = 1) -> str:
     return f"{scale * low:.3g}–{scale * high:.3g}" if low is not None and high is not None else ""
+
+
+def _within(low: float | None, high: float | None, scale: float = 1) -> str:
+    text = _range(low, high, scale)
+    return f" ({text})" if text else ""

@@ -16,7 +16,7 @@ import psutil
 
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import workers
-from handbench.support.progress import say
+from handbench.support.progress import duration, say
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
@@ -172,23 +172,16 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
         bytes_: predicted memory; if given, time and memory are always printed.
     """
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
-    duration = (
-        f"{seconds:.0f} s"
-        if seconds < 100
-        else f"{seconds / 60:.0f} min"
-        if seconds < 6e3
-        else f"{seconds / 3600:.3g} h"
-    )
     if seconds > 3600 * hours:
         raise HandbenchError(
-            f"{what}: would take about {duration}, more than the limit of {hours:g} h; use fewer "
-            "points, tones or pixels, check that all lengths are in metres, or raise "
+            f"{what}: would take about {duration(seconds)}, more than the limit of {hours:g} h; "
+            "use fewer points, tones or pixels, check that all lengths are in metres, or raise "
             "HANDBENCH_HOURS"
         )
     if bytes_ is not None:
-        say(f"this will take about {duration} and {bytes_ / 1e9:.1f} GB ({what})")
+        say(f"this will take about {duration(seconds)} and {bytes_ / 1e9:.1f} GB ({what})")
     elif seconds > ANNOUNCED_S:
-        say(f"{what}: this will take about {duration}")
+        say(f"{what}: this will take about {duration(seconds)}")
 
 
 def setting(name: str, default: float, unit: str) -> float:

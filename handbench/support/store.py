@@ -109,7 +109,6 @@ def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
         if (wrong := changed(folder)) is None:
             return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
         say(f"{folder}: {wrong}, so this step is computed again")
-    say(f"{stage.label} ...")
     machine = calibrated_machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
         with measured() as cost:

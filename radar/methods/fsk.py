@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -193,14 +193,13 @@ class Tones:
         images and the depths that follow from them, as an `FskStep`."""
         index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
-        points_m = grid.points_at_m(index, formed_m)
-        image = partial(
-            image_points,
-            aperture=self.aperture,
-            points_m=points_m,
-            tolerance=self.config.tolerance,
-            apart=True,
-        )
+        points_m, tolerance = grid.points_at_m(index, formed_m), self.config.tolerance
+
+        def image(samples: np.ndarray, frequencies_hz: np.ndarray) -> np.ndarray:
+            return image_points(
+                samples, frequencies_hz, self.aperture, points_m, tolerance, apart=True
+            )
+
         return _step(self, grid, index, formed_m, *self._with_repetition(image))
 
     def _with_repetition(

@@ -52,23 +52,6 @@ class Track:
     P: np.ndarray
     time_s: float
 
-    def predicted(self, time_s: float, acceleration_m_s2: float) -> Track:
-        """Return the state at a later time: x⁻ and P⁻."""
-        interval_s = time_s - self.time_s
-        points_m = self.grid.points_m(self.x[..., 0])
-        rise = np.linalg.norm(points_m, axis=-1) / points_m[..., 2]
-        F = np.zeros_like(self.P)
-        F[..., 0, 0] = F[..., 1, 1] = 1
-        F[..., 0, 1] = rise * interval_s
-        g = np.stack([rise * interval_s**2 / 2, np.full(rise.shape, interval_s)], axis=-1)
-        Q = acceleration_m_s2**2 * g[..., :, None] * g[..., None, :]
-        x = (F @ self.x[..., None])[..., 0]
-        return replace(self, x=x, P=F @ self.P @ np.swapaxes(F, -1, -2) + Q, time_s=time_s)
-
-    def where(self, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return x [n, 2] and P [n, 2, 2] of the pixels that a mask [ny, nx] selects."""
-        return self.x[chosen], self.P[chosen]
-
 
 def track(
     maps: Iterable[DepthMap], frame_times_s: Sequence[float], acceleration_m_s2: float
@@ -135,22 +118,16 @@ def step(
             f"maps: the map at {time_s:g} s has other pixels x_m, y_m than the one before; use one "
             "grid for all frames"
         )
-    predicted = before.predicted(time_s, acceleration_m_s2)
-    known = np.isfinite(measured.x + predicted.x).all(axis=-1)
-    (y, R), (x, P) = measured.where(known), predicted.where(known)
-    innovation = y - x
-    S = P + R
-    K = P @ np.linalg.inv(S)
-    near = np.einsum("ni,nij,nj->n", innovation, np.linalg.inv(S), innovation) <= GATE**2
-    x = np.where(near[:, None], x + (K @ innovation[..., None])[..., 0], y)
-    P = np.where(near[:, None, None], P - K @ P, R)
+    known = np.isfinite(measured.x + before.x).all(axis=-1)
+    points_m = before.grid.points_at_m(np.flatnonzero(known), before.x[known, 0])
+    cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
+    interval_s = time_s - before.time_s
+    x, P = predicted(before.x[known], before.P[known], cosine, interval_s, acceleration_m_s2)
+    x, P, new = corrected(x, P, measured.x[known], measured.P[known])
     state = replace(measured, x=measured.x.copy(), P=measured.P.copy())
     state.x[known], state.P[known] = x, P
-    variance = np.diagonal(measured.P, axis1=-2, axis2=-1).copy()
-    if near.any():
-        S_near = np.diagonal(S[near], axis1=-2, axis2=-1)
-        new = np.minimum((innovation[near] ** 2 / S_near).mean(axis=0), 1)
-        variance = new * np.diagonal(state.P, axis1=-2, axis2=-1) + (1 - new) * variance
+    R, P = (np.diagonal(each.P, axis1=-2, axis2=-1) for each in (measured, state))
+    variance = new * P + (1 - new) * R
     sigma_m, velocity_sigma_m_s = np.moveaxis(np.sqrt(variance), -1, 0)
     return state, replace(
         depth,
@@ -161,6 +138,34 @@ def step(
     )
 
 
+def predicted(
+    x: np.ndarray, P: np.ndarray, cosine: np.ndarray, interval_s: float, acceleration_m_s2: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Predict the state of n pixels after interval_s: (x⁻ [n, 2], P⁻ [n, 2, 2]). cosine [n]: u."""
+    T, one, zero = interval_s / cosine, np.ones_like(cosine), np.zeros_like(cosine)
+    F = np.moveaxis(np.array([[one, T], [zero, one]]), -1, 0)
+    g = np.stack([T * interval_s / 2, interval_s * one], axis=-1)
+    Q = acceleration_m_s2**2 * g[:, :, None] * g[:, None, :]
+    return (F @ x[..., None])[..., 0], F @ P @ F.swapaxes(1, 2) + Q
+
+
+def corrected(
+    x: np.ndarray, P: np.ndarray, y: np.ndarray, R: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Correct the predicted state x [n, 2], P [n, 2, 2] of n pixels by the measurement y, R:
+    (x, P, share κ [2] of R that is new). A pixel whose measurement is beyond the gate takes it."""
+    innovation, S = y - x, P + R
+    inverse = np.linalg.inv(S)
+    K = P @ inverse
+    near = np.einsum("ni,nij,nj->n", innovation, inverse, innovation) <= GATE**2
+    new = np.ones(2)
+    if near.any():
+        expected = np.diagonal(S[near], axis1=-2, axis2=-1)
+        new = np.minimum((innovation[near] ** 2 / expected).mean(axis=0), 1)
+    x = np.where(near[:, None], x + (K @ innovation[..., None])[..., 0], y)
+    return x, np.where(near[:, None, None], P - K @ P, R), new
+
+
 def _measured(depth: DepthMap, time_s: float) -> Track:
     """Return a depth map's measurement, y and R, as a track that starts with it."""
     if missing := [name for name in MEASURED if getattr(depth, name) is None]:
@@ -169,6 +174,7 @@ def _measured(depth: DepthMap, time_s: float) -> Track:
             "measures velocities, such as 3fsk-doppler"
         )
     R = np.zeros((*depth.z_m.shape, 2, 2))
-    R[..., 0, 0], R[..., 1, 1] = depth.sigma_m**2, depth.velocity_sigma_m_s**2
-    y = np.stack([depth.z_m, depth.velocity_m_s], axis=-1)
+    velocity_m_s, *sigmas = (np.asarray(getattr(depth, name)) for name in MEASURED)
+    R[..., 0, 0], R[..., 1, 1] = (sigma**2 for sigma in sigmas)
+    y = np.stack([depth.z_m, velocity_m_s], axis=-1)
     return Track(PixelGrid(depth.x_m, depth.y_m), y, R, time_s)

@@ -97,9 +97,10 @@ def _capture(echoes: Echoes, timed: bool) -> RadarCapture:
     capture = RadarCapture(echoes.samples, scene.frequencies_hz, scene.array)
     if not timed:
         return capture
-    several = scene.frame_period_s is not None and echoes.frames > 1
-    frame_times_s = scene.frame_period_s * np.arange(echoes.frames) if several else None
-    return replace(capture, times_s=scene.time_s, frame_times_s=frame_times_s)
+    capture = replace(capture, times_s=scene.time_s)
+    if scene.frame_period_s is None or echoes.frames == 1:
+        return capture
+    return replace(capture, frame_times_s=scene.frame_period_s * np.arange(echoes.frames))
 
 
 def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:

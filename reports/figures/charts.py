@@ -137,7 +137,7 @@ def error_distributions(result: Result, counts: Counts) -> Picture:
             xlabel="|z − z_ref| in mm",
             title=AGAINST[reference],
         )
-        axis.set_ylabel("share of observed pixels in %")
+        axis.set_ylabel("pixels in %")
     name_all(figure, *axes[0].get_legend_handles_labels())
     return Picture(
         "error_distribution",
@@ -239,7 +239,7 @@ def repeats(result: Result) -> Picture:
     return Picture(
         "repeats",
         "Precision: depth of the strongest scatterer in each repeat, from the mean of its "
-        f"capture; a column for each of {len(hands)} captures.",
+        f"capture{f'; a column for each of {len(hands)} captures' if len(hands) > 1 else ''}.",
         "Scatter of the strongest scatterer's depth over the repeats, for each method and capture.",
         figure,
     )

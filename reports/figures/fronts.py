@@ -13,6 +13,7 @@ from matplotlib.typing import MarkerType
 
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
 from handbench.reports.figures.numbers import number_points
+from handbench.reports.figures.speeds import over_speed
 from handbench.reports.figures.style import (
     COLOURS,
     COLUMN_IN,
@@ -38,11 +39,13 @@ BARS = 40  # settings with a bar at most; the front's come first
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
     """Yield the pictures of a trade-off. For each section, such as imaging or ground truth, this is
-    error against time of its settings, and a bar chart of how the time is divided, if that is
-    known."""
+    error against time of its settings (or against the speed of the target), and a bar chart of how
+    the time is divided, if that is known."""
     for about in found.facts.sections:
         settings = found.section(about.name)
-        if any(is_plottable(setting) for setting in settings):
+        if any(setting.speed_m_s is not None and setting.error for setting in settings):
+            yield over_speed(about, settings)
+        elif any(is_plottable(setting) for setting in settings):
             yield front(about, settings)
         if any(parts(setting) for setting in settings):
             yield time_split(about, settings)

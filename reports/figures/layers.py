@@ -168,6 +168,16 @@ def depth_scale(surface: SurfaceMap) -> Normalize:
     return Normalize(5 * math.floor(z_mm.min() / 5 - 0.5), 5 * math.ceil(z_mm.max() / 5 + 0.5))
 
 
+def velocity_scale(velocity_m_s: np.ndarray) -> Normalize:
+    """Return the colour scale for radial velocities of any shape, m/s: as wide on both sides of 0
+    as the fastest pixel but one of two hundred, rounded up to two digits."""
+    seen = np.abs(velocity_m_s[np.isfinite(velocity_m_s)])
+    fastest = float(np.percentile(seen, 99.5)) if len(seen) else 0.0
+    digit = 10.0 ** math.floor(math.log10(max(fastest, 1e-3)) - 1)
+    limit = digit * math.ceil(max(fastest, 1e-3) / digit)
+    return Normalize(-limit, limit)
+
+
 def error_scale() -> SymLogNorm:
     """Return the colour scale of signed errors, mm, the same in all pictures: linear within ±1 mm,
     and logarithmic from there to ±50 mm."""
@@ -181,14 +191,23 @@ def depth_layer(title: str, surface: SurfaceMap, norm: Normalize) -> Layer:
     return Layer(title, x_mm, y_mm, z_mm, DEPTH_COLOURS, norm, "z in mm", box=box_of([surface]))
 
 
+def velocity_layer(surface: SurfaceMap, velocity_m_s: np.ndarray, norm: Normalize) -> Layer:
+    """Return a panel of a surface's radial velocities [ny, nx] on the colour scale `norm`: red away
+    from the array, blue towards it."""
+    depth = depth_layer("radial velocity in m/s", surface, norm)
+    return replace(depth, values=velocity_m_s, colours=ERROR_COLOURS, label=" ")
+
+
 def depth_layers(surface: SurfaceMap, others: dict[str, np.ndarray]) -> list[Layer]:
-    """Return a panel of a surface's depths, and one for each of amplitude, predicted σ and
-    probability of a gross error that `others` contains.
-    others: name of a map (amplitude_db, sigma_m or p_gross; others are ignored) → its values [ny,
-    nx]."""
-    depth = depth_layer("depth", surface, depth_scale(surface))
+    """Return a panel of a surface's depths, and one for each of radial velocity, amplitude,
+    predicted σ and probability of a gross error that `others` contains.
+    others: name of a map (velocity_m_s, amplitude_db, sigma_m or p_gross; others are ignored) → its
+    values [ny, nx]."""
+    layers = [depth := depth_layer("depth", surface, depth_scale(surface))]
+    if (velocity_m_s := others.get("velocity_m_s")) is not None:
+        layers.append(velocity_layer(surface, velocity_m_s, velocity_scale(velocity_m_s)))
     known = [(unit * others[name], look) for name, (unit, look) in KNOWN.items() if name in others]
-    return [depth] + [replace(depth, values=values, **look) for values, look in known]
+    return layers + [replace(depth, values=values, **look) for values, look in known]
 
 
 def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:

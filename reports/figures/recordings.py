@@ -63,7 +63,7 @@ def echoes_figure(
         if profile:
             more[0].plot(1e3 * profile[0], profile[1], color=COLOURS[0])
             more[0].set(
-                xlabel="half the path in mm; what is farther folds back",
+                xlabel="half the path in mm;\nwhat is farther folds back",
                 ylabel="dB below the maximum",
                 title="range, mean of channels",
             )

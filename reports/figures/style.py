@@ -209,7 +209,8 @@ def save(figure: Figure, file: str | Path) -> None:
         raise HandbenchError(
             f"{file}: is not the name of a picture; use one that ends in {', '.join(FORMATS)}"
         )
-    with matplotlib.rc_context(STYLE), atomic_path(file) as temporary:
+    style = COLUMN if figure.get_figwidth() == COLUMN_IN else STYLE
+    with matplotlib.rc_context(style), atomic_path(file) as temporary:
         figure.savefig(temporary, format=Path(file).suffix[1:].lower())
 
 

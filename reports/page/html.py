@@ -11,6 +11,7 @@ from urllib.parse import quote
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import panels
+from handbench.reports.figures.film import film
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering, scene3d, sections, summary, tradeoff_section
 from handbench.reports.page.rendering import Image, render
@@ -33,6 +34,7 @@ SECTIONS = (
 # page and on others.
 REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
 FIRST = 3  # captures on the first page where there are more
+STILL_PX = 272  # height of a capture's picture beside its table
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
@@ -199,9 +201,26 @@ def _captures(
                 f"Capture {capture.name} seen from the array, lit from the upper left; colours are "
                 f"the errors of {titles.get(shown or '', '')}."
             )
-            still = rendering.image(scene3d.still(result, capture, shown), alt, alt)
+            seen = scene3d.still(result, capture, shown)
+            still = rendering.image(seen, alt, alt, shown=STILL_PX / seen.height)
         pictures = rendering.images(partial(panels, result, capture), folder, paper)
-        details.append((capture, still, summary.capture_grid(result, capture), pictures))
+        grid, moving = summary.capture_grid(result, capture), _film(result, capture, folder)
+        details.append((capture, still, grid, pictures, moving))
     still = next((still for _, still, *_ in details if still), None)
     turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}
     return turned | {"details": details, "methods": methods(result), "shown": shown}
+
+
+def _film(result: Result, capture: CaptureFacts, folder: Path) -> Image | None:
+    """Draw the film of a capture into `folder`, by the last method that measured velocities of
+    several frames; None if there is none."""
+    for method in reversed(methods(result)):
+        if (frames := result.frames(capture.name, method.name)) is not None:
+            title = f"{capture.name}, {method.title}"
+            words = f"Capture {capture.name} over its frames by {method.title}: depth, and radial"
+            colours = "velocity, red away from the array and blue towards it"
+            file = folder / f"film_{capture.name}.gif"
+            return rendering.film_image(
+                film(frames, title), f"{words} {colours}.", f"{words} {colours}", file
+            )
+    return None

@@ -89,6 +89,16 @@ def image(
     )
 
 
+def film_image(content: bytes, alt: str, caption: str, file: Path) -> Image:
+    """Write a film, the bytes of a GIF, to a file, and return it ready to be embedded in a page."""
+    with atomic_path(file) as temporary:
+        temporary.write_bytes(content)
+    with Pixels.open(io.BytesIO(content)) as first:
+        size = first.size
+    uri = "data:image/gif;base64," + base64.b64encode(content).decode("ascii")
+    return Image(uri, *size, alt, caption, file.stem, ("gif",))
+
+
 def _uri(picture: Pixels.Image) -> str:
     """Return a picture as a data: URI (WebP), reduced to a width of 1900 pixels (WIDTH_PX) if it is
     wider."""

@@ -48,7 +48,9 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     parts = []
     for about in found.facts.sections:
         shown = [
-            saved[stem] for stem in (f"front_{about.name}", f"time_{about.name}") if stem in saved
+            saved[stem]
+            for stem in (f"{kind}_{about.name}" for kind in ("front", "speed", "time"))
+            if stem in saved
         ]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))
     return {"parts": parts, "claims": claims_grid(found)}
@@ -62,9 +64,12 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
-    numbers = {s.name: str(i) for i, s in enumerate((s for s in best if is_plottable(s)), 1)}
+    moving = any(s.speed_m_s is not None for s in settings)
+    velocity = ("velocity MAE (mm/s)",) if moving else ()
+    numbered = () if moving else best
+    numbers = {s.name: str(i) for i, s in enumerate((s for s in numbered if is_plottable(s)), 1)}
     error = f"{metric_words(about)} ({about.unit})"
-    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)")
+    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)", *velocity)
     rows = tuple(
         (
             s.title,
@@ -77,11 +82,18 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             number(s.ratio, three_digits(s.ratio)),
             f"{s.operations:.2g}" if is_known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
+            *(velocity_text(s) for _ in velocity),
         )
         for s in (*best, *rest)
     )
     caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
     return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
+
+
+def velocity_text(s: Setting) -> str:
+    """Format the error of a setting's radial velocities in mm/s, with the word "beyond" if the
+    target is faster than the largest unambiguous velocity."""
+    return number(s.velocity_mae_mm_s, 1) + (" (beyond limit)" if s.beyond_limit else "")
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:

@@ -1,15 +1,17 @@
 """Output of `handbench compare`, the comparison of two results: on the terminal, as Markdown and as
 LaTeX."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from handbench.bench.results import each
 from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables import latex
 from handbench.reports.tables.blocks import NONE, figure, number, p_text
 from handbench.reports.tables.result_tables import (
-    bold,
     escaped,
     print_table,
     table,
@@ -19,39 +21,24 @@ from handbench.reports.tables.result_tables import (
 from handbench.support.files import write_text
 
 CHANGES = 12  # of one kind are shown; compare.json has all
-HEAD = ("A", "B", "B − A", "p")
+Rows = list[tuple[str, ...]]
 NOTE = (
-    "In brackets 95 % confidence intervals; p corrected for all lines (Holm); precisions by the "
-    "F test, as if all "
-    "repeats were independent."
-)
-TIMES = (
-    "Times are not tested, for the repeats of one run do not know how two runs differ. GFLOP/s: "
-    "what the machine "
-    "reaches in products of matrices."
+    "In brackets 95 % confidence intervals; p corrected for all tests (Holm); precisions by the "
+    "F test, as if all repeats were independent. Errors are tested only if the protocol compares "
+    "methods by them: A and B may have them on different pixels. Times are not tested, because "
+    "repeats within a run do not show the difference between two runs."
 )
 
 
 def show(compared: Compared) -> None:
-    """Print the comparison of two results A and B on stdout: tables of the differences in accuracy
-    and of the times, other changes (such as versions or settings), and a sentence for each
-    significant difference."""
+    """Print the comparison of two results A and B on stdout: a table for each metric, other changes
+    (such as versions or settings), and a sentence for each significant difference."""
     console = wide_console()
     for text in _head(compared):
         console.print(text, markup=False)
-    lines = [
-        (line.title, _metric(line), *_cells(line), line.better, _needed(line))
-        for line in each(compared.differences)
-    ]
-    print_table(terminal_table("Differences", ("", "", *HEAD, "better", "needs hands"), lines))
-    if len(compared.times):
-        lines = [_time(time) for time in each(compared.times)]
-        heads = ("", *_machines(compared), "B / A")
-        print_table(terminal_table("Time per frame (s)", heads, lines))
-        console.print(TIMES, markup=False)
-    for text in _changes(compared):
-        console.print(text, markup=False)
-    for text in _shown(compared) or ["no difference shown between A and B"]:
+    for title, heads, rows in _tables(compared):
+        print_table(terminal_table(title, heads, rows))
+    for text in (*_changes(compared), *(_shown(compared) or [_nothing(compared)])):
         console.print(text, markup=False)
 
 
@@ -63,43 +50,69 @@ def write(compared: Compared, folder: Path) -> None:
 
 
 def markdown(compared: Compared) -> str:
-    """Return the comparison of two results A and B as Markdown.
-    It has the significant differences in words, a table of all differences with significantly
-    better figures in bold, the times, and what else differs."""
-    shown = [f"- {escaped(text)}" for text in _shown(compared)]
-    differences = []
-    for line in each(compared.differences):
-        a, b, difference, _ = map(escaped, _cells(line))
-        a, b = bold(a) if line.better == "A" else a, bold(b) if line.better == "B" else b
-        differences.append(
-            (
-                escaped(line.title),
-                escaped(_metric(line)),
-                a,
-                b,
-                difference,
-                p_text(line.p_corrected),
-            )
-        )
-    parts = [
-        "# A and B side by side\n",
-        *(f"{escaped(text)}\n" for text in _head(compared)),
-        "\n".join(shown or ["No difference shown."]) + "\n",
-        table(("method", "metric", *HEAD), differences, texts=2),
-    ]
-    if len(compared.times):
-        lines = (tuple(map(escaped, _time(time))) for time in each(compared.times))
-        parts += [table(("time per frame (s)", *_machines(compared), "B / A"), lines), f"{TIMES}\n"]
+    """Return the comparison of two results A and B as Markdown: the significant differences in
+    words, a table for each metric, and what else differs."""
+    parts = ["# A and B side by side\n", *(f"{escaped(text)}\n" for text in _head(compared))]
+    shown = _shown(compared) or [_nothing(compared)]
+    parts.append("".join(f"- {escaped(text)}\n" for text in shown))
+    for title, heads, rows in _tables(compared):
+        cells = (tuple(map(escaped, row)) for row in rows)
+        parts += [f"## {escaped(title)}\n", table(heads, cells, texts=2)]
     changes = [f"- {escaped(text)}" for text in _changes(compared)]
     parts += ["## What else differs\n", "\n".join(changes or ["Nothing."]) + "\n"]
     return "\n".join(parts)
 
 
+def _tables(compared: Compared) -> Iterator[tuple[str, tuple[str, ...], Rows]]:
+    """Yield for each metric and reference a title, the headings, and rows of formatted cells: for
+    each method the mean over the captures and, if there are several, each capture."""
+    for (metric, reference), lines in compared.differences.groupby(
+        ["metric", "reference"], sort=False
+    ):
+        first = next(each(lines))
+        against = f" against {reference}" if reference else ""
+        title = f"{first.metric_title} ({first.unit}){against}"
+        rows = [row for _, of in lines.groupby("method", sort=False) for row in _rows(of)]
+        heads = ["", "", "A", "B", "B − A", "p", "better", "needs hands"]
+        if metric == "seconds":
+            heads = ["", "", *_machines(compared), "B − A", "B / A"]
+        filled = [i for i, cells in enumerate(zip(*rows, strict=True)) if any(cells)]
+        yield title, tuple(heads[i] for i in filled), [tuple(r[i] for i in filled) for r in rows]
+
+
+def _rows(lines: pd.DataFrame) -> Rows:
+    """Return the rows of one method and metric.
+    lines: rows of the table of differences, first the mean, then the captures."""
+    mean, *captures = each(lines)
+    counts = " and ".join(map(str, dict.fromkeys((mean.n_a, mean.n_b))))
+    kind = "median of" if mean.metric == "seconds" else "mean of"
+    alone = len(captures) == 1
+    place = captures[0].capture if alone else f"{kind} {counts}"
+    shown = [(mean, mean.title, place), *((c, "", c.capture) for c in captures if not alone)]
+    rows: Rows = []
+    for line, title, place in shown:
+        ends = ((line.a, line.a_low, line.a_high), (line.b, line.b_low, line.b_high))
+        cells = (*ends, (line.difference, line.low, line.high))
+        figures = (title, place, *(figure(*cell, line.unit) for cell in cells))
+        if line.metric == "seconds":
+            rows.append((*figures, number(line.b / line.a, 2)))
+        elif line.capture:
+            rows.append((*figures, "", "", ""))
+        else:
+            rows.append((*figures, _p(line), line.better, _needed(line)))
+    return rows
+
+
+def _p(line: Any) -> str:
+    return f"not tested ({line.untested})" if line.untested else p_text(line.p_corrected)
+
+
 def tex(compared: Compared) -> str:
-    """Return the differences between two results A and B as LaTeX tables, one for each reference
-    surface. A figure that is significantly better is bold."""
+    """Return the differences between two results A and B, on average over the captures, as LaTeX
+    tables, one for each reference surface. A figure that is significantly better is bold."""
     texts = []
-    for reference, lines in compared.differences.groupby("reference", sort=False):
+    means = compared.differences[compared.differences.capture == ""]
+    for reference, lines in means.groupby("reference", sort=False):
         body = []
         for line in each(lines):
             a = latex.num_figure(
@@ -136,6 +149,14 @@ def _shown(compared: Compared) -> list[str]:
     return compared.differences.sentence[compared.differences.better != ""].tolist()
 
 
+def _nothing(compared: Compared) -> str:
+    """Return a sentence for a comparison without a significant difference."""
+    tested = compared.differences[compared.differences.p_corrected.notna()].metric_title.unique()
+    if not len(tested):
+        return "no difference was tested"
+    return f"no difference shown between A and B in what was tested ({', '.join(tested)})"
+
+
 def _sides(compared: Compared) -> list[str]:
     sides = (("A", compared.a), ("B", compared.b))
     return [f"{side}: {of.folder} ({of.name}; {', '.join(of.captures)})" for side, of in sides]
@@ -145,37 +166,11 @@ def _basis(compared: Compared) -> list[str]:
     return [f"{text[0].upper()}{text[1:]}." for text in compared.basis]
 
 
-def _metric(line: Any) -> str:
-    return " ".join(
-        filter(
-            None,
-            (line.metric_title, f"({line.unit})", line.reference and f"against {line.reference}"),
-        )
-    )
-
-
-def _cells(line: Any) -> tuple[str, str, str, str]:
-    return (
-        figure(line.a, line.a_low, line.a_high, line.unit),
-        figure(line.b, line.b_low, line.b_high, line.unit),
-        figure(line.difference, line.low, line.high, line.unit),
-        p_text(line.p_corrected),
-    )
-
-
 def _needed(line: Any) -> str:
     """Return the number of hands that a comparison would need to show this difference, as text; ""
     if it is unknown or the difference is significant already.
     line: a row of the table of differences."""
     return f"{line.needed:.0f}" if line.needed > 0 else ""
-
-
-def _time(time: Any) -> tuple[str, str, str, str]:
-    a, b = (
-        figure(time.a, time.a_low, time.a_high, "s"),
-        figure(time.b, time.b_low, time.b_high, "s"),
-    )
-    return time.title, a, b, number(time.ratio, 2)
 
 
 def _machines(compared: Compared) -> list[str]:

@@ -2,6 +2,7 @@
 comparisons of methods. (`reports.tables.latex` makes the same tables as LaTeX.)"""
 
 import html
+import os
 import re
 from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby, zip_longest
@@ -248,10 +249,10 @@ def show(result: Result) -> None:
 
 
 def wide_console() -> Console:
-    """Return a rich console on stdout. It is as wide as the terminal; in a pipe or a file, lines
-    have up to 200 characters."""
+    """Return a rich console on stdout. It is as wide as the terminal or the variable COLUMNS; in a
+    pipe or a file without COLUMNS, lines have up to 200 characters."""
     console = Console(highlight=False)
-    if not console.is_terminal:
+    if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 200
     return console
 

@@ -10,7 +10,6 @@ import sys
 import pytest
 
 from handbench.radar.methods.registry import methods
-from handbench.support import progress
 from tests.cli.conftest import PIXELS
 
 HEAVY = ["numba", "scipy", "pandas", "matplotlib", "cv2", "open3d", "h5py", "dash", "rich"]
@@ -61,16 +60,6 @@ def test_a_shell_completes(line, expected, tmp_path):
     command = [sys.executable, "-m", "handbench.cli.main"]
     assert subprocess.run(command, cwd=tmp_path, env=_env() | asked).returncode == 0
     assert {word.strip() for word in (tmp_path / "printed").read_text().split("\n")} == expected
-
-
-def test_a_log_without_a_terminal_tells_the_time_that_is_left(monkeypatch, capsys):
-    seconds = iter(range(0, 1000, 30))
-    monkeypatch.setattr("handbench.support.progress.time.monotonic", lambda: float(next(seconds)))
-    assert list(progress.track(range(4), "imaging")) == [0, 1, 2, 3]
-    assert capsys.readouterr().err.splitlines() == [
-        "imaging: 0/4", "3 min left, imaging: 1/4", "90 s left, imaging: 2/4", "40 s left, "
-                                                                               "imaging: 3/4"
-    ]  # fmt: skip
 
 
 def _env() -> dict[str, str]:

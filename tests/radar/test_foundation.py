@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from pydantic import Field
 
-from handbench.support import progress
 from handbench.support.config import Config, load, parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import (
@@ -334,16 +333,3 @@ def test_values_that_differ_hash_differently(tmp_path):
 def test_objects_of_unknown_content_are_not_hashed():
     with pytest.raises(TypeError, match="cannot hash a value of type object"):
         content_hash({"a": object()})
-
-
-def test_progress_yields_every_item_and_keeps_stdout_clean(capsys, monkeypatch):
-    clock = iter(range(0, 1000, 6))
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
-    assert list(progress.track([3, 1, 2], "imaging")) == [3, 1, 2]
-    assert list(progress.track(iter([3, 1]), "imaging")) == [3, 1]
-    progress.say("done")
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "imaging: 1/3\n" in err  # 12 s later; the items between are not worth a line
-    assert err.endswith("done\n")
-    assert err.count("imaging") < 5

@@ -29,7 +29,10 @@ def echoes_at_each_tone(echoes: Echoes) -> np.ndarray:
     """Compute the samples of a moving target, to which the effects so far have been applied at the
     start of its movement: complex64 [frame, f, t, r]."""
     scene = echoes.scene
-    starts, measured = frame_starts(scene, echoes.frames), defaultdict[Instant, list](list)
+    starts, measured = (
+        frame_starts(scene, echoes.frames),
+        defaultdict[Instant, list[tuple[int, int]]](list),
+    )
     for frame, tone in np.ndindex(echoes.frames, len(scene.time_s)):
         measured[starts[frame].after(float(scene.time_s[tone]))].append((frame, tone))
     samples = np.empty((echoes.frames, len(scene.time_s), *echoes.array.channels), np.complex64)

@@ -66,7 +66,7 @@ def test_an_array_of_two_ports(tmp_path, capsys, option, unit, form, wrapped):
     files = {name: two_port(*at, option, unit, form, wrapped) + noise for name, at in PAIRS.items()}
     source, out = folder_of(tmp_path, files, PAIRS), tmp_path / "array"
     assert main(["import", "touchstone", str(source), "-o", str(out)]) == 0
-    assert f"capture: {out}" in capsys.readouterr().err
+    assert f"the capture is in {out}" in capsys.readouterr().err
     echoes = hb.load(out).echoes
     assert isinstance(echoes.aperture, AntennaArray)
     assert echoes.frequencies_hz == pytest.approx([2e9, 3.5e9, 5.25e9], rel=1e-12)

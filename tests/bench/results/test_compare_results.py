@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from handbench.bench import results
@@ -59,22 +60,29 @@ def result(
 
 
 def line(compared: Compared, metric: str = "mae_mm") -> Any:
-    [found] = compared.differences[compared.differences.metric == metric].itertuples()
+    """The line of a metric's mean over the captures."""
+    means = compared.differences[compared.differences.capture == ""]
+    [found] = means[means.metric == metric].itertuples()
     return found
 
 
 def test_a_result_does_not_differ_from_itself(tmp_path):
     a = result(tmp_path, speckle(0))
     compared = compare_results(a, a)
-    assert compared.differences.metric.tolist() == ["mae_mm", "observed_percent", "precision_mm"]
-    for d in compared.differences.itertuples():
-        assert (d.difference, d.low, d.high, d.p_corrected, d.better) == (0, 0, 0, 1, "")
+    means = compared.differences[compared.differences.capture == ""]
+    first = ["mae_mm", "max_mm", "complete_2mm_percent", "precision_mm", "seconds"]
+    assert means.metric.tolist() == [*first, "observed_percent"]
+    for d in means[means.metric != "seconds"].itertuples():
+        assert (d.difference, d.low, d.high, d.better) == (0, 0, 0, "")
         assert d.a == d.b and str(d.difference) == "0.0"
+        assert d.p_corrected == 1 or d.untested == "each on its own pixels"
     words = "no difference shown between A and B in MAE against truth: 0.000 mm [0.000, 0.000]"
     assert line(compared).sentence == f"3-FSK: {words}" and compared.changes.empty
     write_compared(tmp_path / "out", compared)
     header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
-    assert header.split(",") == DIFFERENCES.names and len(lines) == 3
+    assert header.split(",") == DIFFERENCES.names
+    # the mean and 6 captures of each error, 1 of the precision, and the median of the time
+    assert len(lines) == 4 * (1 + 6) + (1 + 1) + 1
 
 
 def test_known_differences_are_found_with_their_size(tmp_path):
@@ -119,7 +127,45 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     assert line(compared).paired == same
     if same:
         assert line(compared).difference == 0 and line(compared).n_a == line(compared).n_b == 5
-        assert "(F, U, V, W, X, without the 1 that only one has)" in compared.basis[0]
+        assert "(F, U, V, W, X, without B of A)" in compared.basis[0]
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_every_capture_has_its_figures_where_there_is_no_test(tmp_path, count):
+    """|e| of 1 mm and more of 2 mm by one millimetre a capture; the mean of A, 1 mm, and of B."""
+    flat_mm, names = np.ones((count, 36, 36)), NAMES[:count]
+    worse_mm = flat_mm + 1 + np.arange(count)[:, None, None]
+    a, b = (result(tmp_path / k, e, names) for k, e in (("a", flat_mm), ("b", worse_mm)))
+    compared = compare_results(a, b)
+    of_captures = compared.differences[compared.differences.capture != ""].set_index("metric")
+    for metric in ("mae_mm", "max_mm"):
+        mean, found = line(compared, metric), of_captures.loc[[metric]]
+        assert (mean.a, mean.difference) == pytest.approx((1, (count + 1) / 2))
+        assert found.capture.tolist() == list(names)
+        assert found.difference.tolist() == pytest.approx(list(range(1, count + 1)))
+        assert mean.untested == f"{count} capture{'s' * (count > 1)}"
+        assert np.isnan(mean.p_corrected) and mean.better == ""
+
+
+def test_what_only_one_result_has_is_said(tmp_path):
+    """A method, and frames; different captures have figures on one side each."""
+    a = result(tmp_path / "a", speckle(0))
+    b = result(tmp_path / "b", speckle(1), tuple("GHIKLM"))
+    more = results.MethodFacts(name="joint", title="joint", config={})
+    for name in NAMES:
+        seen = error_map(AXIS_M, AXIS_M, REFERENCE_M, REFERENCE_M)
+        results.write_errors(tmp_path / "a", name, "joint", "truth", seen)
+    a = changed(a, methods=(*a.about.methods, more))
+    scores = a.scores.assign(frame=1)
+    a.__dict__["scores"] = pd.concat([a.scores, scores[scores.metric == "mae_mm"]])
+    compared = compare_results(a, b)
+    assert compared.basis[1:] == (
+        "only A has joint, which cannot be compared",
+        "the errors are those of frame 0; A has 2 and B has 1 frames",
+    )
+    mae = compared.differences[compared.differences.metric == "mae_mm"].set_index("capture")
+    assert mae.a.notna().tolist() == [True] * 7 + [False] * 6
+    assert mae.b.notna().tolist() == [True] + [False] * 6 + [True] * 6
 
 
 def test_three_captures_and_nothing_are_too_few_to_tell(tmp_path):
@@ -128,11 +174,11 @@ def test_three_captures_and_nothing_are_too_few_to_tell(tmp_path):
     a, b = (result(tmp_path / str(add), errors_mm + add, NAMES[:3]) for add in (0, 1))
     d = line(compare_results(a, b))
     assert d.difference == pytest.approx(1) and d.needed == 5
-    few = "too few captures for a test"
-    words = f"in MAE against truth: {few} (B − A: 1.0 mm); needs 5 hands to show this difference"
+    words = "B − A is 1.0 mm in MAE against truth, not tested (3 captures); needs 5 hands to show"
+    words += " this difference"
     assert d.sentence.endswith(words)
     a, lonely = result(tmp_path / "a", speckle(0)), np.full((6, 36, 36), np.nan)
-    for words in ("no figures to compare", few):
+    for words in ("no figures to compare", "not tested (1 capture)"):
         d = line(compare_results(a, result(tmp_path / words, lonely)))
         assert np.isnan([d.p_corrected, d.low, d.high]).all() and words in d.sentence
         lonely[0] = 1.0
@@ -172,12 +218,14 @@ def test_what_else_differs_is_named(tmp_path):
         ("input", "B", "a" * 12, "c" * 12),
     ]
     slower = frame(TABLE, [("seconds", "3fsk", 1.5, 1.2, 1.9, "s", None, "truth")])
-    [times] = compare_results(a, replace(b, table=slower)).times.itertuples()
-    assert list(times)[3:10] == [0.5, 0.4, 0.6, 1.5, 1.2, 1.9, pytest.approx(3.0)]
-    words = "B takes 3.00 times as long as A (0.5 s at 100 GFLOP/s, 1.5 s at 50 GFLOP/s)"
-    assert times.sentence == f"3-FSK: {words}"
-    [none] = compare_results(a, replace(b, table=slower.iloc[:0])).times.itertuples()
-    assert "no times" in none.sentence
+    compared = compare_results(a, replace(b, table=slower))
+    time = line(compared, "seconds")
+    ends = time.a, time.a_low, time.a_high, time.b, time.b_low, time.b_high
+    assert ends == (0.5, 0.4, 0.6, 1.5, 1.2, 1.9) and time.difference == 1
+    assert (time.sentence, time.better) == ("3-FSK: B takes 3.00 times as long as A", "")
+    assert (compared.a.gemm_gflops, compared.b.gemm_gflops) == (100, 50)
+    none = line(compare_results(a, replace(b, table=slower.iloc[:0])), "seconds")
+    assert none.sentence == "3-FSK: no figures to compare in time per frame"
 
 
 def test_refuses_what_does_not_compare(tmp_path):

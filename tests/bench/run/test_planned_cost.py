@@ -7,6 +7,7 @@ import pytest
 from handbench.bench.pipeline.image import require_near
 from handbench.bench.run import planned_cost
 from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.run.sweep import complete_sweep
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture
@@ -17,10 +18,16 @@ from handbench.support.errors import HandbenchError
 def test_a_benchmark_grows_with_its_captures_and_its_settings():
     bench, base = load_benchmark("hands")
     half = bench.model_copy(update={"capture": bench.capture[:6]})
-    whole_s, half_s = (planned_cost.of_run(asked, base).core_s for asked in (bench, half))
+    whole_s, half_s = (
+        planned_cost.one_after_another(planned_cost.of_run(asked, base).values()).core_s
+        for asked in (bench, half)
+    )
     assert whole_s == pytest.approx(2 * half_s)
     chosen = planned_cost.ImagingSetting("a", "a", "2fsk", {}, 1, {})
-    none_s, both_s = (planned_cost.of_sweep(bench, base, [chosen] * n, 3).core_s for n in (0, 2))
+    sweep = complete_sweep(None)
+    none_s, both_s = (
+        planned_cost.of_sweep(bench, base, sweep, [chosen] * n)["imaging"].core_s for n in (0, 2)
+    )
     config = method("2fsk").configure({}, "test")
     one_s, three_s = (planned_cost.imaging(config, frames=n).core_s for n in (1, 3))
     assert both_s - none_s == pytest.approx(2 * 12 * three_s) and three_s > one_s
@@ -36,7 +43,7 @@ def test_more_than_the_limit_is_refused_before_the_folder_is_made(
     assert not (tmp_path / "out").exists()
     text = small_bench.read_text().replace('scene = "ball.toml"', 'path = "nowhere"')
     small_bench.write_text(text)
-    assert planned_cost.of_run(*load_benchmark(str(small_bench))).core_s == 0
+    assert planned_cost.of_run(*load_benchmark(str(small_bench))) == {}
 
 
 def test_only_antennas_within_ten_metres_are_imaged(small_result, monkeypatch):

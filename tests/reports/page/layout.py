@@ -36,7 +36,8 @@ while (walker.nextNode()) {
     if (box.width < 1) continue;
     const limit = scrolls ? scrolls.getBoundingClientRect() : {left: 0, right: wide};
     const beyond = box.right > limit.right + 1 || box.left < limit.left - 1;
-    if (beyond && !(scrolls && scrolls.scrollWidth > scrolls.clientWidth)) faults.push(`${said} is cut`);
+    if (beyond && !(scrolls && scrolls.scrollWidth > scrolls.clientWidth))
+      faults.push(`${said} is cut`);
     if (!beyond) boxes.push([box, text, said]);
   }
 }

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, TIMES, frame
+from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, frame
 from handbench.bench.results.compare_results import compare_results
 from handbench.cli import compare as compare_command
 from handbench.cli.main import parser
@@ -51,28 +51,39 @@ def run(*arguments: object):
 def test_markdown_escapes_and_marks_what_is_better(compared):
     text = comparison.markdown(compared)
     assert "<b>" not in text and "- 3-FSK: A is better than B by 1.0 mm" in text
-    marked = [line for line in text.splitlines() if "**" in line]
-    assert len(marked) == 2 and all("| 3-FSK | MAE (mm) against " in line for line in marked)
-    table, times = (block for block in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE))
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()} == {7}
+    titles = re.findall(r"^## (.*)$", text, re.MULTILINE)
+    errors = [
+        f"{name} against {of}"
+        for name in ("MAE (mm)", "MAX of AE (mm)", "completeness at 2 mm (%)")
+        for of in ("photogrammetry", "truth")
+    ]
+    assert titles[:8] == [*errors, "precision (mm)", "time per frame (s)"]
+    maes, *_, times = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)[:8]
+    assert "| 3-FSK | mean of 5 | " in maes and " | A |" in maes
+    for block in (maes, times):  # a row for each method's mean, and for its captures
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}) == 1
+    assert maes.count("\n") == 2 + 4 * (1 + 5)
     assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
     equal = comparison.markdown(
-        replace(
-            compared, changes=frame(CHANGES), differences=frame(DIFFERENCES), times=frame(TIMES)
-        )
+        replace(compared, changes=frame(CHANGES), differences=frame(DIFFERENCES))
     )
-    assert "No difference shown." in equal and "Nothing." in equal
+    assert "- no difference was tested" in equal and "Nothing." in equal
 
 
-def test_the_command_writes_four_files(result_folder, other_folder, tmp_path):
+def test_the_command_writes_four_files(result_folder, other_folder, tmp_path, capsys):
     out = tmp_path / "out"
     run(result_folder, other_folder, "-o", out)
     kinds = ("csv", "json", "md", "tex")
     assert sorted(p.name for p in out.iterdir()) == [f"compare.{kind}" for kind in kinds]
     with (out / "compare.csv").open(encoding="utf-8") as stream:
         lines = list(csv.DictReader(stream))
-    assert [line["better"] for line in lines if line["method"] == "3fsk"] == ["A", "", "A", "", ""]
-    assert json.loads((out / "compare.json").read_text("utf-8"))["a"]["name"] == "synthetic"
+    better = {(line["metric"], line["reference"]) for line in lines if line["better"] == "A"}
+    assert {("mae_mm", "photogrammetry"), ("mae_mm", "truth")} <= better
+    capsys.readouterr()
+    run(result_folder, other_folder, "--json")
+    printed = json.loads(capsys.readouterr().out)
+    assert printed == json.loads((out / "compare.json").read_text("utf-8"))
+    assert printed["a"]["name"] == "synthetic" and len(printed["differences"]) == len(lines)
     with pytest.raises(HandbenchError, match="exists already"):
         run(result_folder, other_folder, "-o", out)
     run(result_folder, other_folder, "-o", out, "--overwrite")
