@@ -25,7 +25,7 @@ from handbench.reports.figures.style import (
     whiskers,
 )
 from handbench.reports.figures.style import width_in as wide
-from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
+from handbench.reports.tables.blocks import AGAINST, DRAWN, beside_paper, floor_note
 
 EDGES_MM = np.geomspace(0.02, 100, 400)
 Counts = dict[tuple[str, str], np.ndarray]  # by method and reference
@@ -101,14 +101,17 @@ def accuracy_against_time(result: Result) -> Picture:
         axis.margins(0.15)
         for side in ("x", "y"):
             log_axis(axis, side)
-    handles["paper (at our time)"] = Line2D(
-        [], [], color="0.5", marker="o", linestyle="none", fillstyle="none"
-    )
+    hollow = ""
+    if beside_paper(result):
+        hollow = " Open markers: the paper's error, drawn at our time."
+        handles["paper (at our time)"] = Line2D(
+            [], [], color="0.5", marker="o", linestyle="none", fillstyle="none"
+        )
     name_all(figure, handles.values(), handles)
     return Picture(
         "accuracy_time",
-        "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals. "
-        f"Open markers: the paper's error, drawn at our time.{floor_note(result)}",
+        "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals."
+        f"{hollow}{floor_note(result)}",
         f"Mean absolute error against time per frame. {'; '.join(notes)}.",
         figure,
     )
@@ -203,8 +206,8 @@ def total_counts(parts: Iterable[Counts]) -> Counts:
 
 
 def repeats(result: Result) -> Picture:
-    """Plot the precision: for each method and hand, the depth of the strongest scatterer in every
-    repeated frame, in mm from the mean over these frames."""
+    """Plot the precision: for each method and capture, the depth of the strongest scatterer in
+    every repeated frame, in mm from the mean over these frames."""
     hands = sorted(set(result.repeats.capture))
     repeated = [m for m in methods(result) if (result.repeats.method == m.name).any()]
     figure = Figure(figsize=(wide(1.6 + 0.95 * max(len(repeated), 3)), 3.2), layout="constrained")
@@ -231,14 +234,13 @@ def repeats(result: Result) -> Picture:
     axis.axhline(0, color="0.6", linewidth=0.6)
     titles = [method.title for method in repeated]
     axis.set_xticks(range(len(repeated)), titles, rotation=30, ha="right", rotation_mode="anchor")
-    axis.set_ylabel("z − mean z of the hand in mm")
+    axis.set_ylabel("z − mean z of the capture in mm")
     axis.grid(axis="y", alpha=0.25, linewidth=0.4)
     return Picture(
         "repeats",
-        "Precision: depth of the strongest scatterer in each repeat, from the mean of its hand; "
-        "a column for each of "
-        f"{len(hands)} hands.",
-        "Scatter of the strongest scatterer's depth over the repeats, for each method and hand.",
+        "Precision: depth of the strongest scatterer in each repeat, from the mean of its "
+        f"capture{f'; a column for each of {len(hands)} captures' if len(hands) > 1 else ''}.",
+        "Scatter of the strongest scatterer's depth over the repeats, for each method and capture.",
         figure,
     )
 

@@ -6,16 +6,17 @@ from functools import cache, partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
 from handbench.reports.figures import charts
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film
 from handbench.reports.figures.style import methods
-from handbench.reports.page import rendering, scene3d, sections, tradeoff_section
+from handbench.reports.page import rendering, scene3d, sections, summary, tradeoff_section
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
-from handbench.reports.tables.blocks import caption
+from handbench.reports.tables.blocks import blocks, caption
 from handbench.reports.tables.motion_table import motion_csv
 from handbench.reports.tables.result_tables import findings
 from handbench.support.cost import require_time
@@ -33,6 +34,7 @@ SECTIONS = (
 # page and on others.
 REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
 FIRST = 3  # captures on the first page where there are more
+STILL_PX = 272  # height of a capture's picture beside its table
 
 
 def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
@@ -88,6 +90,9 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         old.unlink()
     groups = pages(result.scored())
     parts = page_names(groups)
+    on_page = {
+        c.name: page for page, group in zip(["", *parts], groups, strict=True) for c in group
+    }
     swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {
         "parts": parts,
@@ -104,7 +109,12 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
     write_text(
         out / "index.html",
-        render("index.html", **_summary(result, overview, swept, causes), **facts),
+        render(
+            "index.html",
+            place_of=lambda name: f"{on_page[name]}#capture-{quote(name)}",
+            **_summary(result, overview, swept, causes),
+            **facts,
+        ),
     )
     return out / "index.html"
 
@@ -168,8 +178,9 @@ def _summary(
         "findings": findings(result),
     }
     parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
-    parts |= {"stages": sections.stage_times(result)}
-    return parts | {"blocks": sections.all_blocks(result)}
+    parts |= {"leads": summary.leads(result), "main": summary.main_table(result)}
+    parts |= {"front": summary.front(result), "hardest": summary.hardest(result)}
+    return parts | {"stages": sections.stage_times(result), "blocks": blocks(result)}
 
 
 def _captures(
@@ -178,23 +189,24 @@ def _captures(
     """Draw the pictures of several captures into `folder`, and return the content of their page:
     name in the template → value, with the pictures and the 3-D view.
     paper: whether PDFs for one column of a paper are written too."""
-    details = [
-        (c, rendering.images(partial(panels, result, c), folder, paper), _film(result, c, folder))
-        for c in captures
-    ]
-    scenes = list(filter(None, (scene3d.scene(result, capture) for capture in captures)))
     titles = {method.name: method.title for method in methods(result)}
     # the paper's own, else the first
     shown = "3fsk" if "3fsk" in titles else next(iter(titles), None)
-    still = None
-    if scenes:
-        first = next(capture for capture in captures if capture.name == scenes[0]["capture"])
-        alt = (
-            f"Capture {first.name} seen from the array, lit from the upper left, with the pixels "
-            "of "
-            f"{titles.get(shown or '', '')} in the colours of their errors."
-        )
-        still = rendering.image(scene3d.still(result, first, shown), alt)
+    details, scenes = [], []
+    for capture in captures:
+        scene, still = scene3d.scene(result, capture), None
+        if scene:
+            scenes.append(scene)
+            alt = (
+                f"Capture {capture.name} seen from the array, lit from the upper left; colours are "
+                f"the errors of {titles.get(shown or '', '')}."
+            )
+            seen = scene3d.still(result, capture, shown)
+            still = rendering.image(seen, alt, alt, shown=STILL_PX / seen.height)
+        pictures = rendering.images(partial(panels, result, capture), folder, paper)
+        grid, moving = summary.capture_grid(result, capture), _film(result, capture, folder)
+        details.append((capture, still, grid, pictures, moving))
+    still = next((still for _, still, *_ in details if still), None)
     turned = {"scenes": scenes, "scales": scene3d.scales(), "still": still}
     return turned | {"details": details, "methods": methods(result), "shown": shown}
 

@@ -2,7 +2,7 @@
 effects, uncertainty of the ground truth, errors by cause, and provenance."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +15,14 @@ from handbench.reports.page import rendering
 from handbench.reports.tables.blocks import (
     AGAINST,
     NONE,
-    Block,
-    blocks,
+    beside_paper,
     figure,
     number,
     p_text,
-    paper_block,
     three_digits,
 )
 from handbench.reports.tables.motion_table import CAPTION, motion_table
 from handbench.reports.tables.result_tables import stages
-
-LEADING = 4  # sentences of a metric that are read without opening the list
 
 
 @dataclass(frozen=True)
@@ -39,26 +35,23 @@ class Grid:
     rows: tuple[tuple[str, ...], ...]
     texts: int = 1
 
-
-@dataclass(frozen=True)
-class Verdict:
-    """Result of the statistical tests on one metric against one reference surface.
-    best: titles of the method with the best figure and of all that are not significantly worse;
-    leading: sentences on the methods closest to the best one that are significantly worse; shown:
-    number of significant differences; tested: whether there were enough captures for a test; table:
-    all pairs of methods."""
-
-    heading: str
-    best: tuple[str, ...]
-    leading: tuple[str, ...]
-    shown: int
-    tested: bool
-    table: Grid
+    @property
+    def filled(self) -> "Grid":
+        """The table without the columns that have no entry."""
+        cells = [column for column in zip(*self.rows, strict=True)]
+        kept = [i for i, column in enumerate(cells) if i == 0 or set(column) - {"", NONE}]
+        return replace(
+            self,
+            headings=tuple(self.headings[i] for i in kept),
+            rows=tuple(tuple(row[i] for i in kept) for row in self.rows),
+            texts=sum(i < self.texts for i in kept),
+        )
 
 
-def verdicts(result: Result) -> list[Verdict]:
+def verdicts(result: Result) -> list[tuple[str, Grid]]:
     """Return the results of the tests for each metric, reference surface and treatment that was
-    compared.
+    compared, as pairs: a sentence on the best method ("" if nothing was tested), and a table of all
+    pairs of methods.
     (Treatment: depth maps with each method's own settings, or compared on common pixels, either all
     without smoothing or all with the same smoothing.)"""
     titles = {method.name: method.title for method in result.about.methods}
@@ -66,24 +59,25 @@ def verdicts(result: Result) -> list[Verdict]:
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
         first = next(each(lines))
         metric, reference, treatment = first.metric, first.reference, first.treatment
-        beaten = set(lines.worse)
-        unbeaten = result.best(metric, reference, treatment)
-        best = sorted(unbeaten, key=lambda name: name in beaten)  # the best figure comes first
-        ahead = lines[shown(lines) & lines.better.isin(best[:1])].sort_values(
-            "difference", kind="stable"
-        )
-        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         common = on_common_pixels(metric) if treatment else ""
         how = f", {TREATMENTS.get(treatment, treatment)}" if treatment else ""
         heading = f"{result.title(metric)}{common} {AGAINST.get(reference, reference)}{how}"
+        rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
         caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
         table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
-        named, leading = (
-            tuple(titles.get(name, name) for name in best),
-            tuple(ahead.sentence[:LEADING]),
-        )
-        found.append(Verdict(heading, named, leading, int(shown(lines).sum()), bool(best), table))
+        best = sorted(result.best(metric, reference, treatment), key=set(lines.worse).__contains__)
+        differ, sentence = int(shown(lines).sum()), ""
+        if best and not differ:
+            sentence = f"{heading}: no difference is shown between any two methods."
+        elif best:
+            equal = ", ".join(titles.get(name, name) for name in best[1:])
+            but = f", not shown to be better than {equal}" if equal else ""
+            sentence = (
+                f"{heading}: {titles.get(best[0], best[0])} has the best figure{but}; {differ} of "
+                f"{len(rows)} pairs differ."
+            )
+        found.append((sentence, table))
     return found
 
 
@@ -106,39 +100,29 @@ def stage_times(result: Result) -> Grid:
     return Grid(caption, headings, rows, texts=2)
 
 
-def effects(result: Result) -> Grid | None:
-    """Return a table of the simulated physical effects, with one row for each: why it was on or
-    off, in how many captures it was on, and the largest values over the captures of its estimated
-    size and its computing time. None if no capture records any effect."""
+def effects(result: Result) -> tuple[Grid | None, str]:
+    """Return a table of the simulated physical effects that were on in a capture, and a sentence
+    that names the others. The table has the largest values over the captures of an effect's
+    estimated size and its computing time; it is None if no effect was on."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
-    rows = []
+    rows, off = [], []
     for name, found in by_effect.items():
+        on = sum(bool(row.get("on")) for row in found)
+        if not on:
+            off.append(name)
+            continue
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
-        on = f"{sum(bool(row.get('on')) for row in found)} of {len(found)}"
-        rows.append(
-            (
-                name,
-                why,
-                on,
-                *(_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds")),
-            )
-        )
+        sizes = (_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds"))
+        rows.append((name, why, f"{on} of {len(found)}", *sizes))
     caption = (
         "Effects of simulated echoes and photographs: largest estimate, and seconds that "
         "they cost, over the captures"
     )
-    headings = (
-        "effect",
-        "why",
-        "on in",
-        "changes depths by (mm)",
-        "level (dB)",
-        "expected (s)",
-        "took (s)",
-    )
-    return Grid(caption, headings, tuple(rows), texts=2) if rows else None
+    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)")
+    grid = Grid(caption, (*headings, "took (s)"), tuple(rows), texts=2) if rows else None
+    return grid, f"Off: {', '.join(off)}." if off else ""
 
 
 def motion(result: Result) -> Grid | None:
@@ -189,7 +173,7 @@ def uncertainty(result: Result) -> list[Grid]:
     residuals = result.about.facts.get("registration_residuals_mm")
     if isinstance(residuals, list) and residuals:
         at_hand = (
-            "error at the hand",
+            "error at the captures' place",
             _mm(result.about.facts.get("registration_error_at_hand_mm")),
         )
         rows = (*((f"marker {i}", _mm(value)) for i, value in enumerate(residuals, 1)), at_hand)
@@ -213,7 +197,9 @@ def provenance(result: Result) -> list[tuple[str, Any]]:
     }
     facts = {name: fact for name, fact in about.facts.items() if name not in elsewhere}
     headings = ("Protocol", "Noise and ground truth", "Versions", "Machine")
-    parts = zip(headings, (about.protocol, facts, about.versions, about.machine), strict=True)
+    papers = () if beside_paper(result) else ("source", "setting")  # what the paper had
+    protocol = {name: fact for name, fact in about.protocol.items() if name not in papers}
+    parts = zip(headings, (protocol, facts, about.versions, about.machine), strict=True)
     return [(heading, facts) for heading, facts in parts if facts]
 
 
@@ -262,12 +248,6 @@ def command(result: Result) -> str:
     recorded = result.about.facts.get("command")
     run = recorded if isinstance(recorded, str) else "handbench run BENCH.toml -o DIR"
     return f"{run}\nhandbench report DIR -o REPORT"
-
-
-def all_blocks(result: Result) -> list[tuple[Block, Block]]:
-    """Return the table of figures for each reference surface in two parts: the metrics of the
-    paper's table together with the main ones, and all other metrics."""
-    return [(paper_block(block), paper_block(block, rest=True)) for block in blocks(result)]
 
 
 def causes(result: Result, folder: Path) -> dict[str, Any] | None:

@@ -13,10 +13,14 @@ from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 
 HEADINGS = {
-    "photogrammetry": "Scored against photogrammetry, as the paper does",
+    "photogrammetry": "Scored against photogrammetry",
     "completed": "Scored against photogrammetry and, where the mesh has no surface, against the "
     "true one",
-    "truth": "Scored against the true surface (the paper's figures are against photogrammetry)",
+    "truth": "Scored against the true surface",
+}
+OF_PAPER = {  # added where the paper's figures are next to ours
+    "photogrammetry": ", as the paper does",
+    "truth": " (the paper's figures are against photogrammetry)",
 }
 AGAINST = {
     "photogrammetry": "against photogrammetry",
@@ -70,13 +74,10 @@ def blocks(result: Result) -> list[Block]:
     return [*found[:1], *equal, *found[1:]]
 
 
-def paper_block(block: Block, rest: bool = False) -> Block:
-    """Return the part of a table with the metrics that the paper reports and the main ones; with
-    `rest`, the part with all other metrics."""
+def paper_block(block: Block) -> Block:
+    """Return the part of a table with the metrics that the paper reports and the main ones."""
     metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
-    return replace(
-        block, lines=tuple(line for line in block.lines if (line.metric in metrics) != rest)
-    )
+    return replace(block, lines=tuple(line for line in block.lines if line.metric in metrics))
 
 
 def _equal_block(result: Result) -> list[Block]:
@@ -122,7 +123,13 @@ def _block(result: Result, reference: str) -> Block:
                 outstanding(result, metric, reference),
             )
     titles = tuple(method.title for method in result.about.methods)
-    return Block(reference, HEADINGS[reference], titles, tuple(lines))
+    heading = HEADINGS[reference] + OF_PAPER.get(reference, "") * beside_paper(result)
+    return Block(reference, heading, titles, tuple(lines))
+
+
+def beside_paper(result: Result) -> bool:
+    """Tell whether a result has the paper's figures next to its own."""
+    return bool(result.table.paper.notna().any())
 
 
 def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:

@@ -12,6 +12,7 @@ from PIL import Image
 
 from handbench.reports.page import html
 from tests.reports.page.devtools import CHROMIUM, Browser
+from tests.reports.page.layout import faults
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
 
 pytestmark = pytest.mark.skipif(
@@ -108,3 +109,38 @@ def test_methods_captures_and_colours_are_switched(opened):
         "s.dispatchEvent(new Event('change', {bubbles: true}))}"
     )
     assert opened.run(status).startswith("F: 2-FSK, ")
+
+
+SCREENS = [(width, "", scheme) for width in (400, 800, 1280, 1920) for scheme in ("light", "dark")]
+
+
+@pytest.mark.parametrize("unfolded", [False, True])
+def test_no_text_is_cut_covered_or_faint(opened, unfolded):
+    """On screens from a telephone's to a wide one's, and on paper (A4 across)."""
+    if unfolded:
+        opened.run("document.querySelectorAll('details').forEach(of => of.open = true)")
+    for width, media, scheme in [*SCREENS, (1032, "print", "light")]:
+        assert faults(opened, width, media, scheme) == [], (width, media, scheme)
+
+
+@pytest.mark.parametrize(
+    ("style", "fault"),
+    [
+        ("position: absolute; top: 0; left: 0; width: 400px", "covers"),
+        ("margin-left: -300px; width: 200px", "is cut"),
+        ("color: #999", "has a contrast of 2.85"),
+        ("width: 3000px", "px wide"),
+    ],
+)
+def test_a_fault_of_the_layout_is_found(opened, style, fault):
+    opened.run(f"document.querySelector('.leads').style.cssText = {style!r}")
+    assert any(fault in found for found in faults(opened, 1280))
+
+
+def test_the_report_of_a_sphere_has_its_words_and_fits(browser, small_result, tmp_path):
+    browser.open(html.build(small_result, tmp_path / "report"))
+    assert [faults(browser, width) for width in (400, 1280)] == [[], []]
+    text = browser.run("document.body.textContent").lower()
+    assert "1 capture: no test" in text and "hand " not in text and "paper's" not in text
+    headings = browser.run("[...document.querySelectorAll('h2, h3')].map(of => of.textContent)")
+    assert len(headings) == len(set(headings))

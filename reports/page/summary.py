@@ -1,0 +1,257 @@
+"""The top of a report: what the figures say in three lines, the table of the methods' main figures,
+and a small table of each capture."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+from markupsafe import Markup
+
+from handbench.bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
+from handbench.bench.results.about import SHARES, TREATMENTS
+from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.reports.page.sections import Grid
+from handbench.reports.tables.blocks import (
+    AGAINST,
+    DRAWN,
+    NONE,
+    decimals,
+    figure,
+    interval,
+    is_known,
+    number,
+    outstanding,
+    paper,
+    three_digits,
+)
+
+SMOOTHED = "window"  # the equal treatment in the main table
+SEEN, RIGHT = SHARES
+COLUMNS = {  # of the main table: (metric, treatment) → its title in few words
+    (HEADLINE, ""): "MAE",
+    (HEADLINE, SMOOTHED): "MAE on common pixels",
+    (RIGHT, ""): "right within 2 mm",
+    ("precision_mm", ""): "precision",
+    ("velocity_mae_mm_s", ""): "velocity error",
+    ("seconds", ""): "time",
+}
+NOTES = {
+    (HEADLINE, ""): "each method on the pixels that it sees",
+    (HEADLINE, SMOOTHED): f"the pixels that all methods see, {TREATMENTS[SMOOTHED]}",
+    (RIGHT, ""): "share of the surface, below it the share that is seen",
+    ("precision_mm", ""): "standard deviation over repeats",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure of the main table: its text, small print below it (interval, paper, share), and
+    whether it is highlighted."""
+
+    text: str
+    below: tuple[str, ...] = ()
+    best: bool = False
+
+
+@dataclass(frozen=True)
+class MainTable:
+    """The main figures of all methods against one reference: headings of the columns, and for each
+    method its title and cells."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    note: str
+
+
+def main_reference(result: Result) -> str:
+    """Return the reference of the main table: the first of REFERENCES that the result has, or ""
+    without one."""
+    scored = set(result.table.reference)
+    return next((reference for reference in REFERENCES if reference in scored), "")
+
+
+def columns(result: Result) -> dict[tuple[str, str], pd.DataFrame]:
+    """Return the figures of the main table: (metric, treatment) → lines with value, low, high, unit
+    and paper, indexed by method. A column without figures is left out."""
+    of_reference = result.table[result.table.reference == main_reference(result)]
+    found = {}
+    for metric, treatment in COLUMNS:
+        lines = of_reference
+        if treatment:
+            lines = result.equal[result.equal.treatment == treatment].assign(paper=float("nan"))
+        lines = lines[(lines.metric == metric) & lines.value.notna()]
+        if len(lines):
+            found[metric, treatment] = lines.drop_duplicates("method").set_index("method")
+    return found
+
+
+def main_table(result: Result) -> MainTable:
+    """Return the main figures of all methods against the first reference, a line for each method,
+    with their intervals and, where the paper reports one, its figure."""
+    found, reference = columns(result), main_reference(result)
+    headings = [f"{COLUMNS[key]} ({lines.unit.iloc[0]})" for key, lines in found.items()]
+    stars = {
+        (metric, treatment): outstanding(
+            result, metric, lines.reference.iloc[0] if treatment else reference, treatment
+        )
+        for (metric, treatment), lines in found.items()
+    }
+    rows = [
+        (
+            method.title,
+            tuple(
+                _cell(result, lines, method.name, key, method.name in stars[key])
+                for key, lines in found.items()
+            ),
+        )
+        for method in result.about.methods
+    ]
+    notes = [f"{COLUMNS[key]}: {NOTES[key]}" for key in found if key in NOTES]
+    text = f"Scored {AGAINST.get(reference, '')}. {'; '.join(notes)}."
+    if any(stars.values()):
+        text += (
+            " ★: no other method is shown to be better, and some are shown to be worse (paired "
+            "test on the same captures, 5 % for all pairs together)."
+        )
+    return MainTable(tuple(headings), tuple(rows), text)
+
+
+def _cell(
+    result: Result, lines: pd.DataFrame, method: str, key: tuple[str, str], best: bool
+) -> Cell:
+    if method not in lines.index:
+        return Cell(NONE)
+    line = lines.loc[method]
+    places = decimals(line.value, line.low, line.high, line.unit)
+    below = [interval(line.low, line.high, places)]
+    seen = result.row(SEEN, method, main_reference(result)) if key == (RIGHT, "") else None
+    if seen:
+        below.append(f"of {number(seen.value, 1)}")
+    if is_known(line.paper):
+        below.append(f"paper {paper(line.paper, line.unit)}")
+    return Cell(number(line.value, places), tuple(filter(None, below)), best)
+
+
+def leads(result: Result) -> list[tuple[str, str]]:
+    """Return the lines on top of a report, as pairs (heading, text): which method is best at what,
+    and what limits the figures. Without figures there is none."""
+    lines = (("Best", _best(result)), ("Limits", _limits(result)))
+    return [(heading, text) for heading, text in lines if text]
+
+
+def _best(result: Result) -> str:
+    """Say which method has the best figure of each column of the main table, and whether a test
+    shows it."""
+    titles = {method.name: method.title for method in result.about.methods}
+    reference, texts = main_reference(result), []
+    for (metric, treatment), lines in columns(result).items():
+        higher = result.about.metrics[metric].better == "higher"
+        first = lines.value.idxmax() if higher else lines.value.idxmin()
+        line = lines.loc[first]
+        value = figure(line.value, line.low, line.high, line.unit)
+        amount = value.replace(" [", f" {line.unit} [") if "[" in value else f"{value} {line.unit}"
+        tested = result.best(metric, line.reference or reference, treatment)
+        equals = [titles[name] for name in tested if name != first]
+        more = f", not shown to be better than {', '.join(equals)}" if equals else ""
+        seen = result.row(SEEN, first, reference) if metric == HEADLINE and not treatment else None
+        on = f" on the {number(seen.value, 1)} % of the surface that it sees" if seen else ""
+        who = Markup("<b>{}</b>, ").format(titles[first]) if len(titles) > 1 else Markup()
+        texts.append(
+            Markup("{}: {}{}{}{}").format(COLUMNS[metric, treatment], who, amount, on, more)
+        )
+    count = len(result.scored())
+    captures = "1 capture" if count == 1 else f"{count} captures"
+    few = f" {captures}: no test." if result.comparisons.p_corrected.isna().all() else ""
+    return Markup("; ").join(texts) + f".{few}" if texts else ""
+
+
+def _limits(result: Result) -> str:
+    """Say how large the reference's own error is beside the smallest MAE, how much of the surface
+    is seen, how far noise moves a depth, and which times are disturbed."""
+    reference, found = main_reference(result), columns(result)
+    table = result.table[result.table.reference == reference]
+    floors, seen = (table.value[table.metric == metric].dropna() for metric in ("floor_mm", SEEN))
+    texts = []
+    if len(floors) and (HEADLINE, "") in found:
+        share = 100 * floors.max() / found[HEADLINE, ""].value.min()
+        texts.append(
+            f"{reference} itself errs by {floors.max():.2g} mm, "
+            f"{share:.0f} % of the smallest MAE (floor)"
+            if floors.max() > 0
+            else "the reference is the exact surface (no floor)"
+        )
+    if len(seen):
+        texts.append(f"of the surface {_range(seen, '%')} is seen, and only that is scored")
+    if ("precision_mm", "") in found:
+        spread = _range(found["precision_mm", ""].value, "mm")
+        texts.append(f"noise moves a depth by {spread} from repeat to repeat")
+    if few := few_pixels_text(few_pixels(result.scores, result.scored())):
+        texts.append(few)
+    if result.busy() or result.unsettled():
+        texts.append("the machine was busy, so times are uncertain")
+    text = "; ".join(texts)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def _range(values: pd.Series, unit: str) -> str:
+    low, high = (
+        number(v, 1 if unit == "%" else three_digits(v)) for v in (min(values), max(values))
+    )
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def front(result: Result) -> list[str]:
+    """Return the titles of the methods that no other beats in both MAE and time, the fastest
+    first."""
+    found = columns(result)
+    if not {(HEADLINE, ""), ("seconds", "")} <= set(found):
+        return []
+    titles = {method.name: method.title for method in result.about.methods}
+    both = pd.DataFrame(
+        {"mm": found[HEADLINE, ""].value, "seconds": found["seconds", ""].value}
+    ).dropna()
+    both = both.sort_values(["seconds", "mm"])
+    return [
+        titles[str(name)] for name in both.index[both.mm < both.mm.cummin().shift(fill_value=1e9)]
+    ]
+
+
+def hardest(result: Result) -> tuple[str, str] | None:
+    """Return the capture with the largest MAE, averaged over the methods, and this MAE as text;
+    None if there are fewer than two captures."""
+    reference = main_reference(result)
+    lines = _of_first_frame(result.scores)
+    lines = lines[(lines.metric == HEADLINE) & (lines.reference == reference)]
+    means = lines.groupby("capture").value.mean().dropna()
+    if len(means) < 2:
+        return None
+    return str(means.idxmax()), f"{number(means.max(), three_digits(means.max()))} mm"
+
+
+def capture_grid(result: Result, capture: CaptureFacts) -> Grid | None:
+    """Return the table of one capture: MAE, share that is right within 2 mm, share that is seen,
+    of every method. None if it has no figures."""
+    reference = next((r for r in DRAWN if r in capture.references), "")
+    lines = _of_first_frame(result.scores)
+    lines = lines[(lines.capture == capture.name) & (lines.reference == reference)]
+    metrics = {HEADLINE: "MAE (mm)", RIGHT: "right within 2 mm (%)", SEEN: "seen (%)"}
+    values = lines[lines.metric.isin(list(metrics))].pivot(
+        index="method", columns="metric", values="value"
+    )
+    if values.empty:
+        return None
+    rows = [
+        (method.title, *(_score(values, method.name, metric) for metric in metrics))
+        for method in result.about.methods
+        if method.name in values.index
+    ]
+    return Grid(f"{AGAINST[reference].capitalize()}", ("method", *metrics.values()), tuple(rows))
+
+
+def _of_first_frame(scores: pd.DataFrame) -> pd.DataFrame:
+    return scores[(scores.treatment == "") & (scores.frame == 0)]
+
+
+def _score(values: pd.DataFrame, method: str, metric: Any) -> str:
+    value = values[metric].get(method) if metric in values else None
+    return number(value, 1 if metric in SHARES else three_digits(value))
