@@ -74,6 +74,7 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
     "#44AA99",
     "#999933",
 )
+FEWEST_TICKS = 3  # of a logarithmic axis
 FORMATS = (".png", ".pdf", ".svg")
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 
@@ -185,10 +186,12 @@ class FewTicks(Locator):
 
     def __call__(self) -> np.ndarray:
         low, high = sorted(self.axis.get_view_interval())
-        found = LogLocator(subs=(1, 2, 5) if high / low < 300 else (1,)).tick_values(low, high)
-        if np.count_nonzero((found >= low) & (found <= high)) < 3:
-            found = MaxNLocator(4).tick_values(low, high)
-        return found[(found >= low) & (found <= high)]
+        for subs in ((1,), (1, 2, 5))[int(high / low < 300) :]:
+            ticks = LogLocator(subs=subs).tick_values(low, high)
+            inside = ticks[(ticks >= low) & (ticks <= high)]
+            if len(inside) >= FEWEST_TICKS:
+                return inside
+        return MaxNLocator(4).tick_values(low, high)
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
