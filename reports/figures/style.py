@@ -74,6 +74,7 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
     "#44AA99",
     "#999933",
 )
+FEWEST_TICKS = 3  # of a logarithmic axis
 FORMATS = (".png", ".pdf", ".svg")
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 
@@ -183,12 +184,14 @@ class FewTicks(Locator):
     """Ticks of a logarithmic axis: at powers of ten if it spans a factor of 300 or more, else at
     0.1, 0.2, 0.5, 1, …, or where fewer than three of these fit, at even steps."""
 
-    def __call__(self) -> np.ndarray:
-        low, high = sorted(self.axis.get_view_interval())
-        found = LogLocator(subs=(1, 2, 5) if high / low < 300 else (1,)).tick_values(low, high)
-        if np.count_nonzero((found >= low) & (found <= high)) < 3:
-            found = MaxNLocator(4).tick_values(low, high)
-        return found[(found >= low) & (found <= high)]
+    def __call__(self) -> list[float]:
+        low, high = sorted(self.axis.get_view_interval()) if self.axis else (1.0, 10.0)
+        for subs in ((1,), (1, 2, 5))[int(high / low < 300) :]:
+            ticks = np.asarray(LogLocator(subs=subs).tick_values(low, high))
+            inside = ticks[(ticks >= low) & (ticks <= high)]
+            if len(inside) >= FEWEST_TICKS:
+                return inside.tolist()
+        return list(MaxNLocator(4).tick_values(low, high))
 
 
 def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:

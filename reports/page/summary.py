@@ -121,7 +121,7 @@ def _cell(
 ) -> Cell:
     if method not in lines.index:
         return Cell(NONE)
-    line = lines.loc[method]
+    line: Any = lines.loc[method]
     places = decimals(line.value, line.low, line.high, line.unit)
     below = [interval(line.low, line.high, places)]
     seen = result.row(SEEN, method, main_reference(result)) if key == (RIGHT, "") else None
@@ -146,8 +146,8 @@ def _best(result: Result) -> str:
     reference, texts = main_reference(result), []
     for (metric, treatment), lines in columns(result).items():
         higher = result.about.metrics[metric].better == "higher"
-        first = lines.value.idxmax() if higher else lines.value.idxmin()
-        line = lines.loc[first]
+        first = str(lines.value.idxmax() if higher else lines.value.idxmin())
+        line: Any = lines.loc[first]
         value = figure(line.value, line.low, line.high, line.unit)
         amount = value.replace(" [", f" {line.unit} [") if "[" in value else f"{value} {line.unit}"
         tested = result.best(metric, line.reference or reference, treatment)

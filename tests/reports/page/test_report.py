@@ -99,7 +99,7 @@ def test_the_page_is_self_contained_and_escaped(report):
     text, tags = (report / "index.html").read_text(encoding="utf-8"), parsed(report / "index.html")
     assert tags.open == []
     assert not tags.names & {"i", "link", "iframe", "object"}
-    assert len(tags.images) == 6
+    assert len(tags.images) == 7
     assert all(
         image["src"].startswith("data:image/webp;base64,") and len(image["alt"]) > 40
         for image in tags.images
