@@ -19,7 +19,7 @@ from tests.radar.simulated_points import exact_capture
 SMALL = [*PIXELS, "--set=x.step_m=0.005"]
 
 
-def foreign(folder, tones_hz, noise=False):
+def foreign(folder, tones_hz, noise=False, times_s=None):
     """The capture folder of a point, or of noise, before a cross of antennas; the start of a
     command that images it."""
     along, zero = np.linspace(-0.05, 0.05, 12), np.zeros(12)
@@ -28,6 +28,7 @@ def foreign(folder, tones_hz, noise=False):
     if noise:
         drawn = np.random.default_rng(0).standard_normal((*capture.samples.shape, 2)) @ [1, 1j]
         capture = replace(capture, samples=drawn.astype(np.complex64))
+    capture = replace(capture, times_s=times_s)
     (folder / "foreign").mkdir()
     save_capture(folder / "foreign" / "echoes.h5", capture)
     (folder / "foreign" / "capture.toml").write_text('version = 1\nname = "foreign"\n')
@@ -38,7 +39,13 @@ def foreign(folder, tones_hz, noise=False):
     "id", [m.id for m in methods() if requested_tones_hz(m.configure({}, "defaults")) is not None]
 )
 def test_the_settings_that_are_named_image_the_capture(id, tmp_path, capsys):
-    command = [*foreign(tmp_path, np.linspace(76e9, 81e9, 26)[::-1]), "--method", id]
+    tones_hz = np.linspace(76e9, 81e9, 26)[::-1]
+    if "doppler" in id:
+        again = np.append(tones_hz, tones_hz[0])
+        command = foreign(tmp_path, again, times_s=1e-3 * np.arange(len(again)))
+    else:
+        command = foreign(tmp_path, tones_hz)
+    command += ["--method", id]
     assert main(command) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     advice = shlex.split(re.search(r"e\.g\. (--set .*)$", error)[1])

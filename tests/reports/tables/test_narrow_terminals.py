@@ -20,7 +20,7 @@ def test_no_word_and_no_figure_is_cut(width, monkeypatch, capsys):
     monkeypatch.setattr(
         result_tables,
         "wide_console",
-        lambda: Console(file=sys.stdout, width=width, color_system=None),
+        lambda piped=200: Console(file=sys.stdout, width=width, color_system=None),
     )
     print_table(terminal_table("", ("effect", "depth mm", "MAE", "why"), CELLS, ("effect", "why")))
     shown = capsys.readouterr().out

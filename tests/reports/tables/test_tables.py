@@ -109,8 +109,9 @@ def test_csv_carries_ratio_and_time(result):
     assert float(line["seconds"]) == result.row("seconds", "3fsk", "truth").value
 
 
-def test_terminal_table_prints_names_as_they_are(evil, capsys):
+def test_terminal_table_prints_names_as_they_are(evil, monkeypatch, capsys):
     """rich would read [z] as markup; every headline metric and both blocks are there."""
+    monkeypatch.delenv("COLUMNS", raising=False)  # pytest-xdist sets it
     tables.show(evil)
     text = capsys.readouterr().out
     assert "[z]" in text and text.count("MAE (mm)") == 2 and text.count("time per frame (s)") == 2
