@@ -59,8 +59,8 @@ WIDER = 2.0
 NOISY = 0.25
 # rms of ρ between unrelated images (Rayleigh amplitudes): its largest value
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)
-TAILS = 1.1  # the noise of velocities has wider tails than a Gaussian of its estimated σ
-OTHER_LINE_OF_SIGHT = 0.012  # share of the velocity
+TAILS = 1.15  # the noise of velocities has wider tails than a Gaussian of its estimated σ
+OTHER_LINE_OF_SIGHT = 0.014  # share of the velocity
 GROSS_M = 5e-3
 BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide
 TONES = 8  # tones that are imaged, evenly chosen from a method's
