@@ -20,7 +20,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.advice import motion_notes, requested_tones_hz
+from handbench.radar.methods.advice import motion_notes
 from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
@@ -66,8 +66,8 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
     compile_kernels()
     yield from recorded.warnings()
     surface, imaged = surface_of(recorded), _depth_map(recorded, capture)
-    if imaged is not None and (asked := requested_tones_hz(imaged[1])) is not None:
-        moves = list(motion_notes(imaged[0], capture, asked))
+    if imaged is not None:
+        moves = list(motion_notes(imaged[0], capture, imaged[1]))
         yield from moves
         if moves:
             return  # the motion explains why the image is not on its surface

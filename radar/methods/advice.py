@@ -14,7 +14,7 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.doppler import Repetition, shift_s
 from handbench.radar.methods.first_depth import first_depth_m
-from handbench.radar.methods.fsk_config import AnyConfig
+from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
 from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
@@ -53,10 +53,15 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
         )
         try:
             suited = type(config).model_validate({**config.model_dump(), **suited_to})
-            capture.tones(np.asarray(requested_tones_hz(suited)))
+            tones_hz = np.asarray(requested_tones_hz(suited))
+            capture.tones(tones_hz)
+            if getattr(config, "doppler", False):
+                Repetition.of(capture, tones_hz)
         except (HandbenchError, ValueError):  # its tones are too few, uneven, or no ladder
             raise error from None
         other = {name: v for name, v in suited_to.items() if v != getattr(config, name)}
+        if not other:
+            raise
         raise HandbenchError(f"{error}, e.g. {settings(other)}") from None
 
 
@@ -88,7 +93,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
     seen, asked = np.isfinite(depth.z_m), requested_tones_hz(config)
     if asked is None or len(asked) < 2 or not seen.any():
         return
-    yield from motion_notes(depth, capture, asked, frame)
+    yield from motion_notes(depth, capture, config, frame)
     steps_hz = np.diff(np.sort(capture.tones(asked)[1]))
     cell_mm, period_mm = (
         500 * SPEED_OF_LIGHT_M_S / step_hz for step_hz in (steps_hz.sum(), steps_hz.min())
@@ -147,17 +152,18 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 
 
 def motion_notes(
-    depth: DepthMap, capture: RadarCapture, tones_hz: np.ndarray, frame: int = 0
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
 ) -> Iterator[str]:
     """Yield a sentence for the user if motion between the tones shifts the depths of a map, or may
     do so; of a map with velocities, if these come near the largest one that is unambiguous.
 
-    tones_hz [f]: those of the method that made the map. Nothing is known of captures without times.
+    config: configuration of the method that made the map. Nothing is known of captures without
+    times.
     """
     from handbench.radar.imaging.api import image_points  # numba, which most callers do not need
 
-    seen = np.isfinite(depth.z_m)
-    if capture.times_s is None or not seen.any():
+    seen, tones_hz = np.isfinite(depth.z_m), requested_tones_hz(config)
+    if capture.times_s is None or tones_hz is None or len(tones_hz) < 2 or not seen.any():
         return
     if depth.velocity_m_s is not None:
         limit_m_s = depth.velocity_limit_m_s or np.inf
@@ -170,16 +176,17 @@ def motion_notes(
             )
         return
     index = capture.tone_index(tones_hz)
-    shift_m_s = abs(shift_s(capture.vacuum_hz[index], capture.times_s[index]))
+    times_s = capture.times_s[index] - capture.times_s.min()
     try:
         repetition = Repetition.of(capture, tones_hz)
     except HandbenchError:
-        if shift_m_s * EXAMPLE_M_S > SHOWN_M:
+        shift_m, words = _shift_by_motion(config, capture.vacuum_hz[index], times_s, EXAMPLE_M_S)
+        if shift_m > SHOWN_M:
             yield (
-                f"a radial velocity of {EXAMPLE_M_S:g} m/s would shift the depths of "
-                f"{depth.method} by {1e3 * EXAMPLE_M_S * shift_m_s:.2g} mm, and no tone is "
-                "measured twice to show it; if the target moves, measure the first tone again "
-                "after the last, and use a method that ends in -doppler"
+                f"a radial velocity of {EXAMPLE_M_S:g} m/s would shift {words}, and none of the "
+                f"tones of {depth.method} is measured twice to show it; if the target moves, "
+                "measure the first tone again after the last, and use a method that ends in "
+                "-doppler"
             )
         return
     some = np.flatnonzero(seen)
@@ -193,9 +200,29 @@ def motion_notes(
     first, last = np.abs(first), np.abs(last)
     noise_rad = float(np.median(np.abs(last - first) / np.maximum((last + first) / 2, TINY)))
     moves = speed_m_s > ABOVE_NOISE * noise_rad / np.pi * repetition.limit_m_s
-    if moves and speed_m_s * shift_m_s > SHOWN_M:
+    shift_m, words = _shift_by_motion(config, capture.vacuum_hz[index], times_s, speed_m_s)
+    if moves and shift_m > SHOWN_M:
         yield (
             f"the target moves: its radial velocity of {speed_m_s:.2g} m/s (median of the "
-            f"pixels) shifts the depths of {depth.method} by about "
-            f"{1e3 * speed_m_s * shift_m_s:.2g} mm; use a method that ends in -doppler"
+            f"pixels) shifts {words}; use a method that ends in -doppler instead of {depth.method}"
         )
+
+
+def _shift_by_motion(
+    config: Config, frequencies_hz: np.ndarray, times_s: np.ndarray, speed_m_s: float
+) -> tuple[float, str]:
+    """Compute by how much a radial velocity shifts the depths of a method with these tones [f]:
+    (metres, words). With a ladder of tones, a coarse depth that is shifted by more than the next
+    tone resolves makes depths wrong by a period."""
+    rungs = range(2, len(frequencies_hz)) if isinstance(config, RefinedConfig) else ()
+    for count in rungs:
+        coarse_m = speed_m_s * abs(shift_s(frequencies_hz[:count], times_s[:count]))
+        resolved_m = SPEED_OF_LIGHT_M_S / (4 * reach_hz(frequencies_hz[: count + 1]))
+        if coarse_m > resolved_m:
+            return coarse_m, (
+                f"the coarse depths by about {1e3 * coarse_m:.2g} mm, more than the "
+                f"±{1e3 * resolved_m:.2g} mm that the next tone resolves, so that depths are wrong "
+                "by a whole period"
+            )
+    shift_m = speed_m_s * abs(shift_s(frequencies_hz, times_s))
+    return shift_m, f"the depths by about {1e3 * shift_m:.2g} mm"

@@ -285,7 +285,7 @@ def velocity_sigma_m_s(step: FskStep, config: FskConfig) -> np.ndarray:
     Noise and speckle are estimated, as for depths, from the amplitude difference of the tone that
     is measured twice. A share of the velocity is added, since a glossy surface shows itself to some
     antennas more than to others, which see another part of the velocity. Share and factor are those
-    with which 95 % intervals hold for three hands that turn and approach at 0 to 0.2 m/s.
+    with which 95 % intervals hold for hands that turn, approach, wave and tremble at 0 to 0.2 m/s.
     """
     repetition, again = step.tones.repetition, step.again
     assert repetition is not None and again is not None

@@ -9,8 +9,8 @@ tone f_k, measured again after T, turns by
     φ = arg(O_k(T) conj(O_k(0))) = −4πf_k v T/c,    so    v = −cφ/(4πf_k T),
 
 unambiguous within ±c/(4f_k T), and the motion's phase of tone i is φ f_i t_i/(f_k T). It is taken
-off every image, pixel by pixel, before any depth step. Depths are then those at the time of the
-frame's first tone.
+off every image, pixel by pixel, before any depth step. Times count from the capture's earliest
+tone, and depths are those at that time.
 """
 
 from __future__ import annotations
@@ -29,14 +29,13 @@ SAME = 1e-9  # relative difference of two frequencies that are one tone
 
 def shift_s(frequencies_hz: np.ndarray, times_s: np.ndarray) -> float:
     """Compute by how much motion shifts the depth from tones frequencies_hz [f], measured at
-    times_s [f]: metres per m/s of radial velocity.
+    times_s [f] after the time of that depth: metres per m/s of radial velocity.
 
     It is the slope of f t over f, by least squares; for two tones it is f_b (t_b − t_a)/(f_b − f_a)
     + t_a.
     """
     from_mean_hz = frequencies_hz - frequencies_hz.mean()
-    turns = frequencies_hz * (times_s - times_s.min())
-    return float(from_mean_hz @ turns / (from_mean_hz @ from_mean_hz))
+    return float(from_mean_hz @ (frequencies_hz * times_s) / (from_mean_hz @ from_mean_hz))
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from handbench.radar.methods.doppler import Repetition
 from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
 from handbench.support.compiled import FAST, njit
+from handbench.support.errors import HandbenchError
 
 
 def fsk(
@@ -135,9 +136,14 @@ class Tones:
         if not config.doppler:
             return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config)
         repetition = Repetition.of(capture, np.asarray(config.ladder_hz))
-        every = scaled_to_one(
-            np.concatenate([samples, capture.samples[frame][repetition.measured]])
-        )
+        again = capture.samples[frame][repetition.measured]
+        if samples.any() and not all(one.any() for one in again):
+            raise HandbenchError(
+                f"echoes: in frame {frame}, a measurement of the tone at "
+                f"{repetition.frequency_hz / 1e9:.4g} GHz, which gives the velocity, is 0 in every "
+                "channel; record the frame again, or leave it out"
+            )
+        every = scaled_to_one(np.concatenate([samples, again]))
         return cls(
             every[:-2], frequencies_hz, capture.aperture, config, repetition, again=every[-2:]
         )

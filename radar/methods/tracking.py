@@ -36,6 +36,7 @@ from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TrackedConfig
 from handbench.support.errors import HandbenchError
 
+LEAST = 1e-9  # of a standard deviation, so that S has an inverse
 GATE = 5.0  # standard deviations within which a measurement is of the same surface
 # capture (weak reference), configuration, device and last two tracks (by frame) of the latest call
 _last: tuple[Any, ...] = ()
@@ -64,7 +65,8 @@ def track(
         acceleration_m_s2: root mean square of the target's acceleration along the line of sight.
 
     Raises:
-        HandbenchError: a map has no velocities or standard deviations, or another grid.
+        HandbenchError: a map has no velocities or standard deviations, or another grid, or the
+            times are not ascending.
     """
     before = None
     for depth, time_s in zip(maps, frame_times_s, strict=True):
@@ -91,7 +93,10 @@ def tracked(capture: RadarCapture, config: TrackedConfig, frame: int = 0) -> Dep
     known = last and last[0]() is capture and last[1:3] == (config, device)
     tracks: dict[int, Track] = {n: last[3][n] for n in last[3] if n < frame} if known else {}
     for n in range(max(tracks, default=-1) + 1, frame + 1):
-        depth = fsk_with_uncertainty(capture, config, n)
+        try:
+            depth = fsk_with_uncertainty(capture, config, n)
+        except HandbenchError as error:
+            raise HandbenchError(f"frame {n}, which the track needs: {error}") from None
         tracks[n], found = step(
             tracks.get(n - 1), depth, float(times_s[n]), config.acceleration_m_s2
         )
@@ -113,6 +118,11 @@ def step(
     measured = _measured(depth, time_s)
     if before is None:
         return measured, depth
+    if time_s <= before.time_s:
+        raise HandbenchError(
+            f"frame_times_s: {time_s:g} s follows {before.time_s:g} s; put the frames in the order "
+            "in which they were measured"
+        )
     if not all(map(np.array_equal, vars(before.grid).values(), vars(measured.grid).values())):
         raise HandbenchError(
             f"maps: the map at {time_s:g} s has other pixels x_m, y_m than the one before; use one "
@@ -175,6 +185,6 @@ def _measured(depth: DepthMap, time_s: float) -> Track:
         )
     R = np.zeros((*depth.z_m.shape, 2, 2))
     velocity_m_s, *sigmas = (np.asarray(getattr(depth, name)) for name in MEASURED)
-    R[..., 0, 0], R[..., 1, 1] = (sigma**2 for sigma in sigmas)
+    R[..., 0, 0], R[..., 1, 1] = (np.maximum(sigma, LEAST) ** 2 for sigma in sigmas)
     y = np.stack([depth.z_m, velocity_m_s], axis=-1)
     return Track(PixelGrid(depth.x_m, depth.y_m), y, R, time_s)

@@ -129,7 +129,8 @@ def test_velocities_repeat_beyond_their_limit(share):
     if abs(share) < 1:
         x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
         assert 1e3 * np.median(np.abs(depth.z_m - surface_m(x_m, y_m))[on]) < 0.3
-    [note] = motion_notes(depth, capture("z", share * LIMIT_M_S), TONES_HZ[:3])
+    config = method("3fsk-doppler").configure({}, "")
+    [note] = motion_notes(depth, capture("z", share * LIMIT_M_S), config)
     assert "come near the limit of 0.3 m/s" in note
 
 
@@ -144,21 +145,24 @@ def test_lateral_motion_has_a_radial_part_off_the_axis_alone():
 
 def test_methods_that_do_not_know_of_motion_name_its_error():
     moving, still = capture(), capture(speed_m_s=0.0)
-    depth = mapped("3fsk", moving)
-    [note] = motion_notes(depth, moving, TONES_HZ[:3])
-    assert "the target moves" in note and "3fsk-doppler" not in note
+    depth, config = mapped("3fsk", moving), method("3fsk").configure({}, "3fsk")
+    [note] = motion_notes(depth, moving, config)
+    assert "the target moves" in note
     told_mm = float(note.split("by about ")[1].split(" mm")[0])
     assert told_mm == pytest.approx(1e3 * np.median(np.abs(errors(depth)[0])), rel=0.2)
-    assert not list(motion_notes(mapped("3fsk", still), still, TONES_HZ[:3]))
+    assert not list(motion_notes(mapped("3fsk", still), still, config))
     once = replace(
         moving,
         samples=moving.samples[:, :3],
         frequencies_hz=TONES_HZ[:3],
         times_s=moving.times_s[:3],
     )
-    [note] = motion_notes(depth, once, TONES_HZ[:3])
-    assert "0.1 m/s would shift the depths of 3fsk by 5" in note
-    assert not list(motion_notes(depth, replace(moving, times_s=None), TONES_HZ[:3]))
+    [note] = motion_notes(depth, once, config)
+    assert "0.1 m/s would shift the coarse depths by about 41 mm, more than the ±30 mm" in note
+    two = method("2fsk").configure({}, "2fsk")
+    [note] = motion_notes(depth, once, two)
+    assert "0.1 m/s would shift the depths by about 41 mm" in note
+    assert not list(motion_notes(depth, replace(moving, times_s=None), config))
 
 
 @pytest.mark.parametrize(
@@ -173,6 +177,13 @@ def test_a_capture_without_velocities_is_refused(changed, words):
     config = method("3fsk-doppler").configure({}, "3fsk-doppler")
     with pytest.raises(HandbenchError, match=words):
         require_tones(replace(capture(), **changed), config)
+
+
+def test_a_repeated_tone_without_echo_is_refused():
+    lost = capture().samples.copy()
+    lost[:, 3] = 0
+    with pytest.raises(HandbenchError, match="frame 0, a measurement of the tone at 82 GHz"):
+        mapped("3fsk-doppler", replace(capture(), samples=lost))
 
 
 def test_a_map_keeps_its_velocities(tmp_path):
