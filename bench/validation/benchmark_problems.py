@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
@@ -73,7 +74,9 @@ def scene_problems(path: Path) -> Found[CheckedCapture]:
 
 
 def _facts_of(scene: SceneFile) -> CheckedCapture:
-    return CheckedCapture(CaptureFile(name=scene.name), scene.sensor.frequencies_hz)
+    tones_hz = scene.sensor.frequencies_hz
+    times_s = scene.sensor.step_time_s * np.arange(len(tones_hz))
+    return CheckedCapture(CaptureFile(name=scene.name), tones_hz, times_s=times_s)
 
 
 def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:

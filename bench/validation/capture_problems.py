@@ -69,7 +69,8 @@ class CheckedCapture:
 
     about: its description (None: unreadable). frequencies_hz [f]: its tones. frames: number of its
     frames (None: any). scored: whether it can be scored (without, with) a transform from a
-    calibration. lacks: files that a calibration needs and that it does not have.
+    calibration. lacks: files that a calibration needs and that it does not have. times_s [f]: when
+    its tones are measured (None: unknown).
     """
 
     about: CaptureFile | None = None
@@ -77,6 +78,7 @@ class CheckedCapture:
     frames: int | None = None
     scored: tuple[bool, bool] = (True, True)
     lacks: tuple[str, ...] = ()
+    times_s: np.ndarray | None = None
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
         """Return the reason why a method cannot image the capture with its tones; None if it can.
@@ -89,7 +91,8 @@ class CheckedCapture:
             return None  # a separate problem
         samples = np.zeros((1, len(self.frequencies_hz), 1), np.complex64)
         try:
-            capture = RadarCapture(samples, self.frequencies_hz, PlanarScan(np.zeros((1, 3))))
+            place = PlanarScan(np.zeros((1, 3)))
+            capture = RadarCapture(samples, self.frequencies_hz, place, times_s=self.times_s)
             with called_from("benchmark"):
                 require_tones(capture, config)
         except HandbenchError as error:
@@ -155,7 +158,12 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
     )
     carried = transform is not None or file != folder
     return CheckedCapture(
-        about, frequencies_hz, frames, (true or (measured and carried), true or measured), lacks
+        about,
+        frequencies_hz,
+        frames,
+        (true or (measured and carried), true or measured),
+        lacks,
+        None if echoes is None else echoes.times_s,
     )
 
 

@@ -317,8 +317,16 @@ def test_a_scene_s_files_and_tones_are_checked_where_they_are_named(tmp_path):
 
 def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_bench, capsys):
     fine = make_capture(tmp_path / "fine")
-    show([str(fine), str(small_bench), str(small_bench.parent / "ball.toml"), "paper_table"])
-    assert capsys.readouterr().out.count(": no problem found\n") == 4
+    show(
+        [
+            str(fine),
+            str(small_bench),
+            str(small_bench.parent / "ball.toml"),
+            "paper_table",
+            "moving_hands",
+        ]
+    )
+    assert capsys.readouterr().out.count(": no problem found\n") == 5
     for number in range(6):
         folder = make_capture(tmp_path / "data" / f"c{number}", name=f"c{number // 2}")
         if number % 5 == 0:
