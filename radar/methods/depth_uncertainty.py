@@ -290,10 +290,10 @@ def velocity_sigma_m_s(step: FskStep, config: FskConfig) -> np.ndarray:
     repetition, again = step.tones.repetition, step.again
     assert repetition is not None and again is not None
     filter_px = getattr(config, "fine_filter_px", 1)
-    first, last = np.abs(again).astype(np.float64)
-    with np.errstate(invalid="ignore"):
-        ratio = 2 * (last - first) / (last + first)
-    noise_m_s = step.filtered(step.on_map(ratio / np.pi * repetition.limit_m_s), filter_px)
+    # as of a depth step, with fT in place of Δf
+    fT = repetition.frequency_hz * repetition.interval_s
+    noise_m_s = step.on_map(quadrature_step_m(again[1], again[0], fT))
+    noise_m_s = step.filtered(noise_m_s, filter_px)
     noise_m_s = spread_m(noise_m_s, step.amplitude, config.spread_px)
     return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * step.velocity_m_s)
 
