@@ -23,6 +23,7 @@ from handbench.support.errors import HandbenchError
 ENOUGH = 8  # tones from which a range profile tells depths apart
 PROFILED = 256  # channels, evenly chosen, whose profiles are summed
 NEAREST_M, FARTHEST_M = 0.05, 10.0  # depths that are considered
+LENGTHS = 500  # of paths whose waves are held at once
 STANDS_OUT = 6.0  # standard deviations of a profile of noise that a peak exceeds
 LEAST_COHERENCE = 0.5  # of the images of a target at two close tones; noise has less
 STRONGEST = 200  # pixels that show the coherence
@@ -70,12 +71,11 @@ def _by_range_profile(
     cell_m = range_cell_m(waves_hz)
     end_m = min(range_period_m(waves_hz), FARTHEST_M)
     depths_m = np.arange(NEAREST_M, max(end_m, NEAREST_M + cell_m), cell_m / 4)
-    power = np.empty(len(depths_m))
-    for i, depth_m in enumerate(depths_m):
-        before_m = (tx_m + rx_m) / 2 + [0, 0, depth_m]
-        path_m = np.linalg.norm(before_m - tx_m, axis=1) + np.linalg.norm(before_m - rx_m, axis=1)
-        turns = np.multiply.outer(waves_hz, path_m / SPEED_OF_LIGHT_M_S)
-        power[i] = (np.abs((samples * np.exp(2j * np.pi * turns)).sum(axis=0)) ** 2).sum()
+    before_m = np.zeros((len(depths_m), 1, 3))
+    before_m[..., 2] = depths_m[:, None]
+    middle_m = (tx_m + rx_m) / 2 + before_m
+    paths_m = np.linalg.norm(middle_m - tx_m, axis=2) + np.linalg.norm(middle_m - rx_m, axis=2)
+    power = _power(samples, waves_hz, paths_m, cell_m / 4).sum(axis=1)
     # what leaks from transmitter to receiver falls from the first depth on, and is no peak
     inner = power[1:-1]
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
@@ -85,6 +85,21 @@ def _by_range_profile(
     if power[best] < np.median(power) * (1 + STANDS_OUT / np.sqrt(len(index))):
         return None
     return float(depths_m[best])
+
+
+def _power(
+    samples: np.ndarray, waves_hz: np.ndarray, paths_m: np.ndarray, step_m: float
+) -> np.ndarray:
+    """Power |Σ_f s_f exp(2πi f p/c)|² of each channel's samples [f, n] at its paths p [z, n]. It is
+    computed at path lengths step_m apart, and linear in between."""
+    first_m = paths_m.min()
+    lengths_m = first_m + step_m * np.arange(2 + np.ptp(paths_m) // step_m)
+    parts = np.array_split(lengths_m, 1 + len(lengths_m) // LENGTHS)
+    waves = (np.multiply.outer(part / SPEED_OF_LIGHT_M_S, waves_hz) for part in parts)
+    at_lengths = np.concatenate([np.abs(np.exp(2j * np.pi * w) @ samples) ** 2 for w in waves])
+    after, below = np.modf((paths_m - first_m) / step_m)
+    low, high = (np.take_along_axis(at_lengths, below.astype(int) + i, axis=0) for i in (0, 1))
+    return low + after * (high - low)
 
 
 def _by_sharpness(
