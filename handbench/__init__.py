@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         reconstruct_mesh,
         run,
         simulate,
+        stream,
     )
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
@@ -57,6 +58,7 @@ __all__ = [
     "reconstruct_mesh",
     "run",
     "simulate",
+    "stream",
 ]
 DEFINED_IN = {  # the modules of the names that handbench/interface.py does not define
     "DepthMap": "handbench.radar.data.depthmap",

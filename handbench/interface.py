@@ -3,7 +3,7 @@ functions that do what the commands do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,17 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
     from open3d.geometry import PointCloud
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results import Result
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
+    from handbench.radar.data.arrays import AntennaArray
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
+    from handbench.support.config import Config
 
 MESHES = (".ply", ".obj", ".stl")
 File = str | Path
@@ -139,15 +142,74 @@ class Capture:
         from handbench.support.progress import say
 
         chosen = registry.method(method)
-        usual = configuration(self.folder, method, {}).model_dump()
-        for key, value in settings.items():  # of an axis, what is not asked for stays
-            within = isinstance(value, dict) and isinstance(usual.get(key), dict)
-            settings[key] = {**usual[key], **value} if within else value
+        settings = _within(configuration(self.folder, method, {}), settings)
         for warning in echo_warnings(self.echoes):
             say(f"{self.folder}: {warning}")
         return Depth(
             image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self
         )
+
+
+def stream(
+    method: str, array: AntennaArray, frequencies_hz: ArrayLike | None = None, **settings: Any
+) -> Callable[[np.ndarray], Depth]:
+    """Prepare a method for frames that a radar measures one after the other.
+
+    What depends on the geometry alone is computed with the first frame, and reused by the others.
+
+    Args:
+        method: an id of `methods()`.
+        array: the antennas, as `capture.echoes.aperture`.
+        frequencies_hz: the tones that are measured, in the order of the samples [tone]; by
+            default, those that the method asks for, in its order.
+        settings: the method's parameters, as tolerance=1e-3.
+
+    Returns:
+        A function from one frame's samples, complex [tone, tx, rx], to its depth map. The map has
+        the method's own standard deviations and flags, but not p_gross.
+
+    Raises:
+        HandbenchError: an unknown method or parameter, or, from the function, samples that do not
+            fit.
+    """
+    from handbench.bench.pipeline.image import prepare
+    from handbench.radar.data.capture import RadarCapture, as_complex64
+    from handbench.radar.imaging.api import always_planned
+    from handbench.radar.methods import registry
+    from handbench.radar.methods.advice import requested_tones_hz
+    from handbench.radar.warmup import compile_kernels
+    from handbench.support.errors import HandbenchError
+
+    chosen = registry.method(method)
+    where = f"method '{method}'"
+    config = chosen.configure(_within(chosen.configure({}, where), settings), where)
+    asked_hz = requested_tones_hz(config) if frequencies_hz is None else frequencies_hz
+    if asked_hz is None:
+        raise HandbenchError(
+            f"frequencies_hz: is missing, and '{method}' names no tones; pass those of the samples"
+        )
+    compile_kernels()
+    begun = False
+
+    def image(samples: np.ndarray) -> Depth:
+        nonlocal begun
+        echoes = RadarCapture(as_complex64(samples)[None], asked_hz, array)
+        if not begun:  # what does not change from frame to frame is checked once
+            prepare(echoes, chosen, config)
+            begun = True
+        with always_planned():
+            return Depth(chosen.run(echoes, config, 0).depth)
+
+    return image
+
+
+def _within(usual: Config, settings: dict[str, Any]) -> dict[str, Any]:
+    """Complete settings of axes, as z={"step_m": 0.002}, by the `usual` ends and steps."""
+    axes = {key: value for key, value in usual.model_dump().items() if isinstance(value, dict)}
+    return {
+        key: {**axes[key], **value} if key in axes and isinstance(value, dict) else value
+        for key, value in settings.items()
+    }
 
 
 class Plottable:

@@ -93,6 +93,24 @@ def test_maps_and_figures_are_those_of_the_commands(ball, depth, tmp_path, capsy
     assert {name: printed[name] for name in depth.evaluate()} == depth.evaluate().values
 
 
+def test_a_stream_images_frames_as_they_arrive(ball):
+    """Depths are those of the capture's frame: plans in place of exact sums move the last tone's
+    phases by the tolerance, 1e-5, of ±30 mm."""
+    echoes, expected = ball.echoes, ball.reconstruct("3fsk", **PIXELS)
+    samples, tones_hz = echoes.samples[0], echoes.frequencies_hz
+    in_order = [tones_hz.tolist().index(hz) for hz in (82e9, 81.8e9, 79.5e9)]
+    for given, live in (
+        (samples, hb.stream("3fsk", echoes.aperture, tones_hz, **PIXELS)),
+        (samples[in_order], hb.stream("3fsk", echoes.aperture, **PIXELS)),
+    ):
+        for _ in range(2):
+            depth = live(given)
+            np.testing.assert_allclose(depth.z_m, expected.z_m, rtol=0, atol=1e-6)
+            np.testing.assert_allclose(depth.sigma_m, expected.sigma_m, rtol=1e-2)
+    with pytest.raises(hb.HandbenchError, match=r"samples: have shape \(1, 2, 94, 94\)"):
+        live(samples[:2])
+
+
 def test_a_depth_map_is_drawn_saved_and_turned_into_points_and_a_data_set(depth, tmp_path):
     assert "2fsk: 21 × 21 pixels" in repr(depth)
     for drawn in (depth, depth.evaluate()):

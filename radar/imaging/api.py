@@ -65,6 +65,7 @@ class ImagingLoad:
 
 
 _laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
+_planned: ContextVar[bool] = ContextVar("planned", default=False)
 
 
 @contextmanager
@@ -77,6 +78,17 @@ def count_imaging() -> Iterator[ImagingLoad]:
         yield laps
     finally:
         _laps.reset(token)
+
+
+@contextmanager
+def always_planned() -> Iterator[None]:
+    """Use the fast algorithm for all points that are imaged with a tolerance in the `with` block,
+    even if the exact sum costs less for them: other frames at nearby points reuse its plan."""
+    token = _planned.set(True)
+    try:
+        yield
+    finally:
+        _planned.reset(token)
 
 
 def _scaled(function: Image) -> Image:
@@ -157,16 +169,14 @@ def image_points(
     points_m: np.ndarray,
     tolerance: float | None,
     apart: bool = False,
-    planned: bool = False,
 ) -> np.ndarray:
     """Image points by backprojection: complex64 [...], the coherent sum of all tones, or with
     `apart` one image per tone, [f, ...].
 
     samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
     points_m: [..., 3], in metres. tolerance: largest relative L2 error, 1e-6 to 0.1; None for the
-    exact sum over every tone and antenna. planned: use the fast algorithm even if the exact sum
-    costs less for these points; its plan of the geometry is cached, and later calls for points
-    nearby reuse it. Raises HandbenchError for invalid arguments.
+    exact sum over every tone and antenna, which is also used where it costs less than the fast
+    algorithm with its plan (but in `always_planned`). Raises HandbenchError for invalid arguments.
     """
     check(tolerance)
     points_m = np.asarray(points_m)
@@ -177,7 +187,7 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    terms = np.inf if planned else exact_terms(len(samples) * len(points), aperture)
+    terms = np.inf if _planned.get() else exact_terms(len(samples) * len(points), aperture)
     parts = (
         [] if tolerance is None or needs_direct_sum(aperture) else clusters(points, frequencies_hz)
     )

@@ -67,7 +67,7 @@ def fsk(
                 steps.append(step)
         z_m = step.filtered(z_m, config.fine_filter_px)
     z_m = grid.placed(step.grid, z_m)
-    db = amplitude_db(grid.placed(step.grid, step.amplitude, 0.0))
+    db = grid.placed(step.grid, amplitude_db(step.amplitude), -np.inf).astype(np.float32)
     name = f"{len(tones)}fsk"
     depth = DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump())
     if (repetition := tones.repetition) is not None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import image_points, image_volume
+from handbench.radar.imaging.api import always_planned, image_points, image_volume
 from handbench.radar.imaging.certificate import certified
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
@@ -53,10 +53,11 @@ def _shares(place: Place, tolerances: Iterable[float | None] = TOLERANCES) -> Se
     expected = images(samples, place.array, place.tones_hz, place.points_m)
     range_m = float(np.ptp([*place.points_m, *place.array.tx_m], axis=0).max())
     for tolerance in tolerances:
-        found = [
-            image_points(s, place.tones_hz, place.array, place.points_m, tolerance, planned=True)
-            for s in samples
-        ]
+        with always_planned():
+            found = [
+                image_points(s, place.tones_hz, place.array, place.points_m, tolerance)
+                for s in samples
+            ]
         asked = _asked_of(
             tolerance, 2 * sum(place.array.channels) + len(samples[0]), place.tones_hz, range_m
         )
@@ -287,8 +288,8 @@ def test_certificates() -> Seen:
         samples = samples.astype(np.complex64)
         [expected] = images(samples[None], antennas, TONES_HZ, points_m)
         for tolerance in (1e-2, 1e-3, 1e-5):
-            with certified() as certificate:
-                found = image_points(samples, TONES_HZ, antennas, points_m, tolerance, planned=True)
+            with certified() as certificate, always_planned():
+                found = image_points(samples, TONES_HZ, antennas, points_m, tolerance)
             yield f"{kind}, {_asked(tolerance)}", _relative(found, expected) / certificate.bound
 
 

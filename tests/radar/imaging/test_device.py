@@ -11,7 +11,7 @@ from handbench.cli import reconstruct
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from handbench.radar.data.grid import Axis, VoxelGrid
-from handbench.radar.imaging.api import image_points, image_volume, project_volume
+from handbench.radar.imaging.api import always_planned, image_points, image_volume, project_volume
 from handbench.radar.imaging.device import (
     SETTING,
     array_module,
@@ -81,9 +81,10 @@ def test_points(device, aperture, tolerance, apart):
     tones_hz = TONES_HZ[::5] if apart else TONES_HZ
     samples = noise((len(tones_hz), *aperture.channels))
     points_m = np.random.default_rng(1).uniform(-0.03, 0.03, (5, 61, 3)) + [0.0, 0.05, 0.3]
-    there, here = on(
-        device, image_points, samples, tones_hz, aperture, points_m, tolerance, apart, True
-    )
+    with always_planned():
+        there, here = on(
+            device, image_points, samples, tones_hz, aperture, points_m, tolerance, apart
+        )
     assert there.shape == here.shape and there.dtype == np.complex64
     assert relative_error(there, here) < AGREED
     reference = direct_sum(samples, tones_hz, aperture, points_m.reshape(-1, 3), apart)
@@ -139,8 +140,8 @@ def test_small_blocks_and_points_in_new_places_change_nothing(device, monkeypatc
     def everything():
         volume = image_volume(samples, TONES_HZ, ARRAY, corner(nz=20), 1e-3)  # a plan of its own
         parts = (points_m[:1], points_m[1:], points_m[:1])
-        images = (image_points(samples, TONES_HZ, ARRAY, m, 1e-3, planned=True) for m in parts)
-        return [volume, *images]
+        with always_planned():
+            return [volume, *(image_points(samples, TONES_HZ, ARRAY, m, 1e-3) for m in parts)]
 
     for module in (levels, executor):
         monkeypatch.setattr(module, "BLOCK_BYTES", 1 << 21)
