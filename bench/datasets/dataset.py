@@ -4,11 +4,11 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from handbench.bench.datasets.mapped_capture import MAPPING, MappedCapture
-from handbench.bench.datasets.maroon import EMPTY_FILTERED, METADATA, REGISTRATIONS, MaroonCapture
 from handbench.bench.datasets.native import (
     DESCRIPTION,
     ECHOES,
+    EMPTY_FILTERED,
+    MAPPING,
     MESH,
     PHOTOS,
     TRANSFORM,
@@ -22,9 +22,6 @@ from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, require_folder
 
-ADAPTERS = (NativeCapture, MappedCapture, MaroonCapture)
-# what can be imported, by the name of its data set
-FOREIGN = {"maroon": MaroonCapture, "mapping": MappedCapture}
 KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (other programs) or radar_*/calibrated_data (MAROON)"
 # a file in a folder that has to be imported → the name of its data set
 RAW = {
@@ -65,16 +62,32 @@ def open_capture(path: str | Path) -> NativeCapture:
             else hint
         )
         raise HandbenchError(f"{folder}: is not a capture; expected {KNOWN}{hint}")
-    if asked and adapter is not MaroonCapture:
+    if not asked:
+        return adapter(folder)
+    from handbench.bench.datasets.maroon import MaroonCapture
+
+    if adapter is not MaroonCapture:
         raise HandbenchError(
             f"{path}: only captures of MAROON have frames {AT_EMPTY_FILTERED}; leave this ending "
             "out"
         )
-    return MaroonCapture(folder, empty_filtered=True) if asked else adapter(folder)
+    return MaroonCapture(folder, empty_filtered=True)
 
 
 def _adapter(folder: Path) -> type[NativeCapture] | None:
-    return next((adapter for adapter in ADAPTERS if adapter.fits(folder)), None)
+    """Return the class that reads the capture in a folder; None if there is no capture."""
+    if NativeCapture.fits(folder):
+        return NativeCapture
+    return next((other for other in foreign().values() if other.fits(folder)), None)
+
+
+def foreign() -> dict[str, type[NativeCapture]]:
+    """Return the classes of the captures that can be imported, by the name of their data set. Their
+    import takes as long as that of all other readers."""
+    from handbench.bench.datasets.mapped_capture import MappedCapture
+    from handbench.bench.datasets.maroon import MaroonCapture
+
+    return {"mapping": MappedCapture, "maroon": MaroonCapture}
 
 
 def captures(
@@ -114,6 +127,8 @@ def captures(
 
 
 def _below(folder: Path, depth: int) -> list[Path]:
+    from handbench.bench.datasets.maroon import METADATA, REGISTRATIONS, MaroonCapture
+
     adapter = _adapter(folder)
     if adapter is not None:
         return [folder] if adapter is not MaroonCapture or (folder / METADATA).is_file() else []
@@ -145,7 +160,7 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     HandbenchError if the capture has another format, or if its transform contains a reflection.
     """
     capture = open_capture(path)
-    if not isinstance(capture, FOREIGN[kind]):
+    if not isinstance(capture, foreign()[kind]):
         raise HandbenchError(
             f"{path}: is not a capture of '{kind}' but of {type(capture).__name__}; use the "
             "import for this kind"

@@ -23,13 +23,12 @@ from handbench.bench.datasets.mapping import (
     TableMapping,
 )
 from handbench.bench.datasets.named_arrays import Read, read_arrays
-from handbench.bench.datasets.native import CaptureFile, NativeCapture
+from handbench.bench.datasets.native import MAPPING, CaptureFile, NativeCapture
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.recording import Recording, join_arrays
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 
-MAPPING = "mapping.toml"
 PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's
 
 

@@ -34,7 +34,7 @@ from handbench.bench.datasets.maroon_alignment import (
     read_table,
 )
 from handbench.bench.datasets.maroon_frame import read_frame
-from handbench.bench.datasets.native import CaptureFile, NativeCapture
+from handbench.bench.datasets.native import EMPTY_FILTERED, CaptureFile, NativeCapture
 from handbench.calibration.transforms import Transform, checked_numbers
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import qar50
@@ -47,7 +47,6 @@ from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
-EMPTY_FILTERED = "emptyfiltered"  # frames from which their empty room has been taken
 PHOTOGRAMMETRY = "photogrammetry"
 # the first: of photographs cut to the object
 MESHES = {"masked": "mesh_masked.obj", "whole": "mesh.obj"}

@@ -24,6 +24,8 @@ from handbench.support.progress import say
 
 WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
+MAPPING = "mapping.toml"  # the description of a capture in other programs' files
+EMPTY_FILTERED = "emptyfiltered"  # frames of MAROON from which their empty room has been taken
 ECHOES, TRUTH, MESH, PHOTOS = "echoes.h5", "truth.ply", "mesh.ply", "photos"
 TRUTHS = "truth"  # folder with the true surface at the start of each frame, NNN.ply
 ARRAY = "array.json"  # calibration of the antennas

@@ -2,25 +2,24 @@
 
 import argparse
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+# The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
-from handbench.bench.validation.capture_warnings import warnings_of_image
 from handbench.bench.validation.checks import echo_warnings, on_target
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.imaging import api
-from handbench.radar.imaging.certificate import Certificate, certified, imaging_error
-from handbench.radar.imaging.device import describe
 from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import Reconstruction, method
-from handbench.radar.warmup import compile_kernels
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz
 from handbench.support.progress import say
+
+if TYPE_CHECKING:
+    from handbench.radar.imaging.certificate import Certificate
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 FINER = 10.0  # times, when a certificate does not keep the tolerance
@@ -51,6 +50,10 @@ def run(options: argparse.Namespace) -> None:
             f"--volume, --check: the method '{chosen.id}' computes no volume; choose --method "
             "broadband or narrowband, or leave these options out"
         )
+    from handbench.bench.validation.capture_warnings import warnings_of_image
+    from handbench.radar.imaging.device import describe
+    from handbench.radar.warmup import compile_kernels
+
     compile_kernels(load=False)
     asked = getattr(settings, "tolerance", None)
     result, task, certificate = _imaged(task, options)
@@ -78,12 +81,15 @@ def run(options: argparse.Namespace) -> None:
 
 def _imaged(
     task: ImagingTask, options: argparse.Namespace
-) -> tuple[Reconstruction, ImagingTask, Certificate]:
+) -> "tuple[Reconstruction, ImagingTask, Certificate]":
     """Image the capture, and repeat this with higher accuracy until the images keep the tolerance.
     Returns the method's result, the task with the settings used last, and the certificate, an upper
     bound of the images' relative error. While this bound is above the tolerance that the user set,
     the capture is imaged again with a tenth of the tolerance, and at last with the exact sum. With
     --relative-to samples it is imaged only once."""
+    from handbench.radar.imaging.api import TOLERANCES
+    from handbench.radar.imaging.certificate import certified
+
     asked = getattr(task.settings, "tolerance", None)
     while True:
         with certified() as certificate:
@@ -97,7 +103,7 @@ def _imaged(
                 f"{certificate.bound:.1e}, more than the {asked:g} that you asked for"
             )
             return result, task, certificate
-        finer = now / FINER if now / FINER >= api.TOLERANCES[0] else None
+        finer = now / FINER if now / FINER >= TOLERANCES[0] else None
         anew = "exactly" if finer is None else f"to {finer:g}"
         say(
             f"the images' relative error may be {certificate.bound:.1e}, more than you asked for; "
@@ -117,6 +123,8 @@ def _check(
     the relative error.
     settings: configuration of the method, with tones and grid; most: the largest allowed error.
     Raises HandbenchError if the error is larger."""
+    from handbench.radar.imaging.certificate import imaging_error
+
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(
         volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check

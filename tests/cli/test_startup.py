@@ -43,6 +43,20 @@ def test_a_command_imports_what_it_needs(made, command, needed):
 
 
 @pytest.mark.parametrize(
+    "command",
+    ["evaluate nothing.npz --mesh truth.ply", "reconstruct nothing --method 3fsk -o d.npz"],
+)
+def test_a_wrong_path_is_named_before_the_libraries_for_the_work_are_imported(command, tmp_path):
+    script = (
+        f"import sys\nfrom handbench.cli.main import main\nassert main({command.split()!r}) == 2\n"
+        f"print(*(m for m in {HEAVY!r} if m in sys.modules))"
+    )
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, env=_env())
+    assert (done.returncode, done.stdout) == (0, "\n"), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
     ("line", "expected"),
     [
         ("handbench reconstruct capture --meth", {"--method"}),

@@ -8,7 +8,7 @@ import tomlkit
 from scipy.io import savemat
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.mapped_capture import MAPPING
+from handbench.bench.datasets.native import MAPPING
 from handbench.radar.data.arrays import AntennaArray
 from handbench.support.errors import HandbenchError
 
