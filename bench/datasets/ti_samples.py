@@ -27,8 +27,8 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     The result is complex64, or float32 if the profile's samples are real. Raises HandbenchError
     unless the numbers fill whole frames; where: beginning of its message.
     """
-    n, frame = profile.samples, frame_numbers(profile)
-    stored, parts = _stored(profile), 1 if profile.real else 2
+    n, stored, parts = profile.samples, _stored(profile), 1 if profile.real else 2
+    frame = profile.loops * len(profile.transmitters) * stored * n * parts
     if not len(numbers) or len(numbers) % frame or stored * n % 2:
         raise HandbenchError(
             f"{where}: has {2 * len(numbers)} bytes, which is not a whole number of frames of "
@@ -36,7 +36,7 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
             f"samples × {2 * parts} bytes, with an even number of samples); check that the profile "
             "belongs to this recording"
         )
-    values = unpack(numbers, profile)
+    values = _unpack(numbers, profile)
     shape = (-1, profile.loops, len(profile.transmitters))
     if profile.lanes == 2:
         return values.reshape(*shape, stored, n)
@@ -45,18 +45,12 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     ]
 
 
-def frame_numbers(profile: ChirpProfile) -> int:
-    """Count the numbers of a frame."""
-    chirps = profile.loops * len(profile.transmitters)
-    return chirps * _stored(profile) * profile.samples * (1 if profile.real else 2)
-
-
 def _stored(profile: ChirpProfile) -> int:
     """Count the receivers whose samples are stored; an unused one of four lanes has zeros."""
     return profile.lanes if profile.lanes > 2 else len(profile.receivers)
 
 
-def unpack(numbers: np.ndarray, profile: ChirpProfile) -> np.ndarray:
+def _unpack(numbers: np.ndarray, profile: ChirpProfile) -> np.ndarray:
     """Undo the lanes of the numbers, int16 [n]: samples in the order of time, complex64 or float32
     of a real profile, [sample, receiver] of four lanes and of a cascade, [sample, 1] of two lanes,
     which hold one receiver's chirp after the other's."""
