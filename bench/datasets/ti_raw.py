@@ -12,8 +12,8 @@ from scipy.signal import hilbert
 from handbench.bench.datasets.method_tables import method_tables
 from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from handbench.bench.datasets.ti_boards import antennas
-from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile, read_profile
-from handbench.bench.datasets.ti_samples import decode, read_numbers
+from handbench.bench.datasets.ti_profile import WHAT
+from handbench.bench.datasets.ti_samples import read_raw
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.recording import Recording
 from handbench.support.config import parse
@@ -51,11 +51,3 @@ def import_ti_raw(
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)
-
-
-def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
-    """Read the chirp profile and the samples [frame, loop, chirp of the loop, receiver, sample] of
-    a raw capture's folder. settings: fields of the profile that replace the file's. Raises
-    HandbenchError if the files do not agree with the profile."""
-    profile = read_profile(source, settings)
-    return profile, decode(read_numbers(source, profile), profile, str(source))

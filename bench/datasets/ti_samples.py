@@ -6,18 +6,27 @@ read_ADC_bin_TDA2_separateFiles.m in TI's mmWave Studio (cascade).
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile
+from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile, read_profile
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes, require_file
 from handbench.support.limits import KEPT_BYTES
 
 RADARS = ("master", "slave1", "slave2", "slave3")  # of a cascade, with four receivers each
+
+
+def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
+    """Read the chirp profile and the samples [frame, loop, chirp of the loop, receiver, sample] of
+    a raw capture's folder. settings: fields of the profile that replace the file's. Raises
+    HandbenchError if the files do not agree with the profile."""
+    profile = read_profile(source, settings)
+    return profile, decode(read_numbers(source, profile), profile, str(source))
 
 
 def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray:
