@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
-    import xarray as xr
     from matplotlib.figure import Figure
+<<<<<<< HEAD
     from numpy.typing import ArrayLike
     from open3d.geometry import PointCloud
+||||||| 541af17e
+    from open3d.geometry import PointCloud
+=======
+>>>>>>> 85cd2ee534336a1f5771da4993ba3fdcae9675a3
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results import Result
@@ -291,35 +295,6 @@ class Depth(Plottable):
 
         x_m, y_m = np.meshgrid(self.x_m, self.y_m)
         return np.stack([x_m, y_m, self.z_m], axis=-1)[np.isfinite(self.z_m)]
-
-    def to_pointcloud(self) -> PointCloud:
-        """Return the pixels with a depth as a point cloud of Open3D, metres in the radar's
-        frame."""
-        from handbench.support.rays import load_open3d
-
-        o3d = load_open3d()
-        return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(self.points_m()))
-
-    def to_xarray(self) -> xr.Dataset:
-        """Return z_m, amplitude_db and all other maps [ny, nx] as a Dataset of xarray, with the
-        coordinates y_m and x_m.
-        Raises HandbenchError if xarray, which handbench does not require, is not installed."""
-        try:
-            import xarray as xr
-        except ImportError as error:
-            from handbench.support.errors import HandbenchError
-
-            raise HandbenchError(
-                f"to_xarray: needs the library xarray, which cannot be imported ({error}); run "
-                "pip install 'handbench[notebook]'"
-            ) from error
-        maps = {
-            name: value
-            for name, value in vars(self.map).items()
-            if getattr(value, "shape", ()) == self.z_m.shape
-        }
-        variables = {name: (("y_m", "x_m"), value) for name, value in maps.items()}
-        return xr.Dataset(variables, {"y_m": self.y_m, "x_m": self.x_m}, {"method": self.method})
 
     def evaluate(
         self,

@@ -31,7 +31,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, write_json
+from handbench.support.files import read_json
 from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
 from handbench.support.pictures import open_picture
 from handbench.support.progress import say
@@ -100,31 +100,6 @@ def load_alignment(
     reflects = bool(np.linalg.det(matrix[:3, :3]) < 0)
     flip = MIRROR_X if (reflects if mirrored is None else mirrored) else np.eye(4)
     return Transform(FRAMES.get(source, source), "radar", _straight(path, key, flip @ matrix))
-
-
-def save_alignment(path: str | Path, transform: Transform) -> None:
-    """Write the transform from the photo frame to the radar frame as MAROON's alignment.json,
-    atomically.
-
-    The matrices from photogrammetry to radar, back, and to the world frame are written; in a new
-    file, the world frame is the radar's. An existing file keeps its other keys and the handedness
-    of its radar frame; in a new file, x points right, as in MAROON's code. The file format has no
-    covariance.
-    """
-    transform.require("photo", "radar", "transform")
-    # which no viewer corrects
-    known: dict[str, Any] = {"radar2world": np.eye(4), "kinect_calib": {"space": "depth"}}
-    flip = MIRROR_X  # from our radar frame to theirs, or back
-    if Path(path).exists():
-        known |= read_table(path)
-        if "photogrammetry2radar" in known and load_alignment(path, mirrored=True).scale < 0:
-            flip = np.eye(4)
-    world = checked_numbers(path, "radar2world", known["radar2world"], [(4, 4), (16,)]).reshape(
-        4, 4
-    )
-    to_radar = flip @ transform.matrix
-    ways = {"photogrammetry2radar": to_radar, "photogrammetry2world": world @ to_radar}
-    write_json(path, known | ways | {"radar2photogrammetry": transform.inverse().matrix @ flip})
 
 
 def read_table(path: str | Path, what: str = "MAROON's alignment.json") -> dict[str, Any]:

@@ -12,34 +12,28 @@ from scipy.signal import hilbert
 from handbench.bench.datasets.method_tables import method_tables
 from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
 from handbench.bench.datasets.ti_boards import antennas
-from handbench.bench.datasets.ti_checks import profile_warnings
-from handbench.bench.datasets.ti_profile import WHAT, read_profile
-from handbench.bench.datasets.ti_samples import decode, read_numbers
+from handbench.bench.datasets.ti_profile import WHAT
+from handbench.bench.datasets.ti_samples import read_raw
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.recording import Recording
 from handbench.support.config import parse
 from handbench.support.files import atomic_folder, require_folder
-from handbench.support.progress import say
 
 
 def import_ti_raw(
     source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
 ) -> None:
     """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
-    folder. Prints a warning if the echoes contradict the profile.
+    folder.
 
     settings: fields of `ChirpProfile` that replace those in the folder's .cfg or .json. Raises
     HandbenchError if the files do not agree with the profile.
     """
     source = require_folder(source, WHAT)
-    profile = read_profile(source, settings or {})
-    numbers = read_numbers(source, profile)
-    beat = decode(numbers, profile, str(source))
+    profile, beat = read_raw(source, settings or {})
     if profile.real:
         beat = hilbert(beat, axis=-1)  # of a real mixer's two signs, that of complex sampling
     transmitters = np.unique(profile.transmitters)
-    for warning in profile_warnings(source, numbers, profile):
-        say(f"{source}: warning: {warning}")
     # The phase of I + jQ grows with the path, by 2πfτ at the chirp's frequency f (SPYY005, "The
     # fundamentals of millimeter wave radar sensors": 4πd/λ; echoes of boards have positive beat
     # frequencies): conjugated, it is exp(−j2πf·path/c) but for πSτ², 0.01 rad at 1 m.

@@ -6,18 +6,27 @@ read_ADC_bin_TDA2_separateFiles.m in TI's mmWave Studio (cascade).
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile
+from handbench.bench.datasets.ti_profile import WHAT, ChirpProfile, read_profile
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes, require_file
 from handbench.support.limits import KEPT_BYTES
 
 RADARS = ("master", "slave1", "slave2", "slave3")  # of a cascade, with four receivers each
+
+
+def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
+    """Read the chirp profile and the samples [frame, loop, chirp of the loop, receiver, sample] of
+    a raw capture's folder. settings: fields of the profile that replace the file's. Raises
+    HandbenchError if the files do not agree with the profile."""
+    profile = read_profile(source, settings)
+    return profile, decode(read_numbers(source, profile), profile, str(source))
 
 
 def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray:
@@ -27,8 +36,8 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     The result is complex64, or float32 if the profile's samples are real. Raises HandbenchError
     unless the numbers fill whole frames; where: beginning of its message.
     """
-    n, frame = profile.samples, frame_numbers(profile)
-    stored, parts = _stored(profile), 1 if profile.real else 2
+    n, stored, parts = profile.samples, _stored(profile), 1 if profile.real else 2
+    frame = profile.loops * len(profile.transmitters) * stored * n * parts
     if not len(numbers) or len(numbers) % frame or stored * n % 2:
         raise HandbenchError(
             f"{where}: has {2 * len(numbers)} bytes, which is not a whole number of frames of "
@@ -36,7 +45,7 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
             f"samples × {2 * parts} bytes, with an even number of samples); check that the profile "
             "belongs to this recording"
         )
-    values = unpack(numbers, profile)
+    values = _unpack(numbers, profile)
     shape = (-1, profile.loops, len(profile.transmitters))
     if profile.lanes == 2:
         return values.reshape(*shape, stored, n)
@@ -45,18 +54,12 @@ def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray
     ]
 
 
-def frame_numbers(profile: ChirpProfile) -> int:
-    """Count the numbers of a frame."""
-    chirps = profile.loops * len(profile.transmitters)
-    return chirps * _stored(profile) * profile.samples * (1 if profile.real else 2)
-
-
 def _stored(profile: ChirpProfile) -> int:
     """Count the receivers whose samples are stored; an unused one of four lanes has zeros."""
     return profile.lanes if profile.lanes > 2 else len(profile.receivers)
 
 
-def unpack(numbers: np.ndarray, profile: ChirpProfile) -> np.ndarray:
+def _unpack(numbers: np.ndarray, profile: ChirpProfile) -> np.ndarray:
     """Undo the lanes of the numbers, int16 [n]: samples in the order of time, complex64 or float32
     of a real profile, [sample, receiver] of four lanes and of a cascade, [sample, 1] of two lanes,
     which hold one receiver's chirp after the other's."""

@@ -207,38 +207,30 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
     s (None if the file has none).
     grid: the pixels that the map must have. Depths and amplitudes become float32. Raises
     HandbenchError for a map that cannot be scored, as one on another grid or without any depth."""
-    content = read_npz(file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",))
+    maps = ("x_m", "y_m", "z_m", "amplitude_db")
+    content = read_npz(file, maps, optional=("seconds",))
+    given = DepthMap(*(content[name] for name in maps), method).checked(file)
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
-        if content[name].shape != expected.shape or not _same(content[name], expected):
-            given = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
+        found = content[name]
+        if found.shape != expected.shape or not np.allclose(found, expected, rtol=0, atol=SAME_M):
+            axis = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
             raise HandbenchError(
-                f"{file}: {name} differs from the benchmark's grid, {given}; compute the depth "
+                f"{file}: {name} differs from the benchmark's grid, {axis}; compute the depth "
                 "map on this grid"
             )
-    for name in ("z_m", "amplitude_db"):
-        if content[name].shape != grid.shape or content[name].dtype.kind != "f":
-            found = f"{content[name].dtype} {content[name].shape}"
-            raise HandbenchError(f"{file}: {name} is {found}; expected real numbers {grid.shape}")
     with np.errstate(over="ignore"):  # too large a number becomes infinite, which is refused below
-        z_m, amplitude_db = (content[name].astype(np.float32) for name in ("z_m", "amplitude_db"))
+        z_m, amplitude_db = (m.astype(np.float32) for m in (given.z_m, given.amplitude_db))
     seen = np.isfinite(z_m)
-    if np.isinf(z_m).any():
-        raise HandbenchError(f"{file}: z_m has infinite depths; write NaN where there is no depth")
     if not seen.any():
         raise HandbenchError(
             f"{file}: z_m has no depth at all, so it cannot be scored; write a depth for at least "
             "one pixel"
         )
-    if not np.isfinite(amplitude_db[seen]).all():
-        raise HandbenchError(
-            f"{file}: amplitude_db is not finite at some pixels with a depth; give each of them "
-            "an amplitude"
-        )
     if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
         raise HandbenchError(
             f"{file}: z_m has a depth of {far_m:g} m; check that the unit is metres"
         )
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method)
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method).checked(file)
     seconds = content.get("seconds")
     if seconds is None:
         return depth, None
@@ -247,8 +239,3 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
             f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all"
         )
     return depth, float(seconds)
-
-
-def _same(found: np.ndarray, expected: np.ndarray) -> bool:
-    # NaN is not near
-    return found.dtype.kind == "f" and bool(np.abs(found - expected).max() <= SAME_M)

@@ -278,14 +278,13 @@ def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:
 def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> list[str]:
-    """Return a warning, in a list, if the description of a board seems to be in a wrong unit or of
-    another pattern.
+    """Return a warning, in a list, if the description of a board seems to be in a wrong unit.
 
     The unit seems wrong if the board's corners are implausibly far away, or if the first photograph
     that shows the board was taken from an implausible distance. cameras: give the focal length;
     without them, the one stored in the photograph is used.
     """
-    from handbench.groundtruth.board.markers import detect_corners, focal_length_px, pattern_in
+    from handbench.groundtruth.board.markers import detect_corners, focal_length_px
 
     corners_m = {
         (id, k): corner for id, quad in board.corners_m().items() for k, corner in enumerate(quad)
@@ -307,6 +306,4 @@ def board_warnings(
         return list(
             warnings_of("photograph of a board", {"photo": photo.name, "distance_m": distance_m})
         )
-    if change := pattern_in(photos[:LOOKED_AT], board):
-        return [(f"board: the photographs show another pattern; write {change} in the description")]
     return []

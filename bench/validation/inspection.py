@@ -8,8 +8,8 @@ from typing import Any
 from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
-from handbench.bench.datasets.ti_checks import raw_warnings
 from handbench.bench.datasets.ti_profile import is_ti_raw
+from handbench.bench.datasets.ti_samples import read_raw
 from handbench.bench.results import load as load_result
 from handbench.bench.results import load_tradeoff
 from handbench.bench.run.benchmark_file import find_benchmark, load_benchmark
@@ -171,7 +171,7 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
     elif is_of_photographs(path):
         yield from photo_problems(path, bool(scored))
     elif is_ti_raw(path):
-        yield from warnings_at(path, (yield from attempt(path, partial(raw_warnings, path))) or ())
+        yield from attempt(path, partial(read_raw, path, {}))
     else:
         folders = yield from attempt(path, lambda: captures(path))
         names: dict[str, Path] = {}

@@ -5,7 +5,9 @@ all errors are reported, not only the first. The line numbers of keys are found 
 parsers of TOML and JSON do not report them.
 """
 
+import ast
 import re
+from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -20,25 +22,49 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 
 Location = tuple[str | int, ...]
-TOKEN = re.compile(
-    r'''"""(?:\\.|[^\\])*?"{3,5}|\'\'\'.*?\'{3,5}'''  # strings of several lines
-    r"""|"(?:\\.|[^"\\\n])*"|'[^'\n]*'|\#[^\n]*"""  # strings, comments
-    r"""|[\[\]{}=:,.\n]|[^\s\[\]{}=:,."'\#]+""",  # punctuation, words
-    re.DOTALL,
-)
+NAME = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""  # of a key of TOML
+KEYS = rf"({NAME}(?:\s*\.\s*{NAME})*)\s*"
+TOML_LINE = re.compile(rf"\s*(?:(\[\[?)\s*{KEYS}\]\]?\s*(?:#|$)|{KEYS}=)")  # [table] or key =
 
 
 def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
-    """Find the line, counted from 1, of every key and list item of a text: a dictionary place →
-    line, with places such as ("method", 1, "config").
+    """Find the lines, counted from 1, of the keys of a text: a dictionary place → line, with places
+    such as ("method", 1, "config").
 
-    toml: True if the text is TOML, False if it is JSON; it must be valid. Keys that the search does
-    not understand are left out.
+    toml: True if the text is TOML, False if it is JSON; it must be valid. In TOML, tables and keys
+    that begin a line are found, and in JSON all keys and list items.
     """
-    try:
-        return _Scanner(text).toml() if toml else _Scanner(text).json()
-    except (IndexError, RecursionError):
-        return {}
+    if not toml:
+        python = text.lstrip("\ufeff").replace("\\/", "/")  # the one escape that Python lacks
+        try:
+            return dict(_json_lines(ast.parse(f"({python}\n)", mode="eval").body, ()))
+        except SyntaxError:
+            return {}
+    lines: dict[Location, int] = {}
+    table: Location = ()
+    counts = Counter[Location]()  # of [[tables]]
+    for number, line in enumerate(text.split("\n"), 1):
+        if found := TOML_LINE.match(line):
+            opened, header, key = found.groups()
+            place = () if header else table
+            for name in (names := re.findall(NAME, header or key)):
+                place = (*place, name.strip("\"'"))
+                counts[place] += opened == "[[" and name is names[-1]
+                place += (counts[place] - 1,) if header and counts[place] else ()
+            table = place if header else table
+            lines.setdefault(place, number)
+    return lines
+
+
+def _json_lines(node: ast.expr, place: Location) -> Iterator[tuple[Location, int]]:
+    """Yield the places and lines of a JSON value, parsed as Python, at `place` and in it."""
+    yield place, node.lineno
+    if isinstance(node, ast.Dict):
+        for key, value in zip(node.keys, node.values, strict=True):
+            yield from _json_lines(value, (*place, getattr(key, "value", "")))
+    if isinstance(node, ast.List):
+        for index, value in enumerate(node.elts):
+            yield from _json_lines(value, (*place, index))
 
 
 def line_of(lines: dict[Location, int], location: Location) -> int | None:
@@ -47,95 +73,6 @@ def line_of(lines: dict[Location, int], location: Location) -> int | None:
     return next(
         (lines[location[:n]] for n in range(len(location), -1, -1) if location[:n] in lines), None
     )
-
-
-class _Scanner:
-    def __init__(self, text: str) -> None:
-        self.tokens: list[tuple[str, int]] = []
-        self.at = 0
-        self.lines: dict[Location, int] = {}
-        line, end = 1, 0
-        for match in TOKEN.finditer(text):
-            line += text.count("\n", end, match.start())
-            end = match.start()
-            if not match.group().startswith("#"):
-                self.tokens.append((match.group(), line))
-        self.tokens.append(("\n", line))
-
-    def json(self) -> dict[Location, int]:
-        self._value(())
-        return self.lines
-
-    def toml(self) -> dict[Location, int]:
-        table: Location = ()
-        counts: dict[Location, int] = {}  # of [[tables]]
-        while self._skip_newlines():
-            line = self.tokens[self.at][1]
-            if self._token() != "[":
-                self._pair(table)
-                continue
-            several = self.tokens[self.at + 1][0] == "["
-            self.at += 2 if several else 1
-            table = ()
-            keys = self._key("]")
-            for key in keys[:-1]:
-                table = (*table, key)
-                table += (counts[table] - 1,) if table in counts else ()
-            table = (*table, keys[-1])
-            if several:
-                self.lines.setdefault(table, line)
-                counts[table] = counts.get(table, 0) + 1
-                table = (*table, counts[table] - 1)
-            self.lines.setdefault(table, line)
-            self.at += 2 if several else 1
-        return self.lines
-
-    def _pair(self, table: Location) -> None:
-        line = self.tokens[self.at][1]
-        place = table
-        for key in self._key("=", ":"):
-            place = (*place, key)
-            self.lines.setdefault(place, line)
-        self.at += 1
-        self._value(place)
-
-    def _key(self, *ends: str) -> list[str]:
-        parts = []
-        while self._token() not in ends:
-            token = self._token()
-            if token != ".":
-                parts.append(token[1:-1] if token[0] in "\"'" else token)
-            self.at += 1
-        return parts
-
-    def _value(self, place: Location) -> None:
-        opened = self._token()
-        if opened not in ("[", "{"):
-            while self._token() not in (",", "]", "}", "\n"):
-                self.at += 1
-            return
-        self.at += 1
-        index = 0
-        while self._skip_newlines() and self._token() not in ("]", "}"):
-            if self._token() == ",":
-                self.at += 1
-            elif opened == "{":
-                self._pair(place)
-            else:
-                self.lines[(*place, index)] = self.tokens[self.at][1]
-                self._value((*place, index))
-                index += 1
-        self.at += 1
-
-    def _token(self) -> str:
-        return self.tokens[self.at][0]
-
-    def _skip_newlines(self) -> bool:
-        """Skip to the next token that is not the end of a line. Returns False at the end of the
-        file."""
-        while self.at < len(self.tokens) and self._token() == "\n":
-            self.at += 1
-        return self.at < len(self.tokens)
 
 
 Read = TypeVar("Read")

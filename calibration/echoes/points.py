@@ -56,13 +56,16 @@ class Points:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit: the values, the normal matrix JᵀJ [u, u], the share of each point in the gradient of
-    the shared unknowns, scores [k, shared], and the residual's power a sample."""
+    """A fit: the values, the normal equations JᵀJ [u, u] and Jᵀρ [u] of its residual ρ, the share
+    of each point in the gradient of the shared unknowns, scores [k, shared], the residual's power a
+    sample, and the cost that the fit lowers."""
 
     points: Points
     normal: np.ndarray
+    right: np.ndarray
     scores: np.ndarray
     noise: float
+    cost: float
 
 
 @dataclass(frozen=True)
@@ -214,43 +217,32 @@ class PointModel:
         """Fit all unknowns by damped Gauss-Newton steps (Levenberg and Marquardt), the shared ones
         with what is expected of them beforehand."""
         weights, damping = self.expected(), DAMPING[0]
-        now = self._costs(points, weights)
+        now = self._fitted(points, weights)
         for _ in range(iterations):
             matrix, right = now.normal.copy(), now.right.copy()
             on = np.arange(self.shared)
             matrix[on, on] += now.noise * weights
-            right[on] -= now.noise * weights * self.values(points)
+            right[on] -= now.noise * weights * self.values(now.points)
             scale = scales(matrix)
             damped = matrix / scale[:, None] / scale + damping * np.eye(len(scale))
-            new_points = self.moved(points, np.linalg.solve(damped, right / scale) / scale)
-            new = self._costs(new_points, weights)
+            step = np.linalg.solve(damped, right / scale) / scale
+            new = self._fitted(self.moved(now.points, step), weights)
             if new.cost < now.cost:
                 settled = now.cost - new.cost < SETTLED * now.noise
-                points, now, damping = new_points, new, damping / 10
+                now, damping = new, damping / 10
                 if settled:
                     break
             else:
                 damping = max(10 * damping, DAMPING[0])
                 if damping > DAMPING[1]:
                     break
-        return Fit(points, now.normal, now.scores, now.noise)
+        return now
 
-    def _costs(self, points: Points, weights: np.ndarray) -> _Costs:
+    def _fitted(self, points: Points, weights: np.ndarray) -> Fit:
         normal, right, scores, power = self.normal_equations(points)
         noise = power / max(2 * self.samples.size - len(right), 1)  # of a real or imaginary part
         cost = power + noise * float(weights @ self.values(points) ** 2)
-        return _Costs(normal, right, scores, noise, cost)
-
-
-@dataclass(frozen=True)
-class _Costs:
-    """The normal equations at some values, with the cost that the fit lowers."""
-
-    normal: np.ndarray
-    right: np.ndarray
-    scores: np.ndarray
-    noise: float
-    cost: float
+        return Fit(points, normal, right, scores, noise, cost)
 
 
 def scales(matrix: np.ndarray) -> np.ndarray:

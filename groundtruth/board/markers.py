@@ -6,8 +6,6 @@ towards the dark side. This module therefore converts tones to linear light and 
 to the middle of each edge's brightness slope; the lines' intersections have neither error.
 """
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 
@@ -22,7 +20,6 @@ INNER = 0.1  # share at either end of an edge that is left out: blur mixes in th
 STEP_PX = 0.5
 FAINTEST = 0.5  # of the typical slope along the edge
 CLEAR = 0.6  # of the edge's length that must lie on the line
-TRIED = 4  # photographs, with other patterns of the board
 STRAIGHT_PX = 0.25  # median distance from the line
 
 # (marker or CHESSBOARD, number of the corner) → pixel [2], COLMAP's convention
@@ -84,69 +81,21 @@ def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
     return {(CHESSBOARD, k): pixel for k, pixel in zip(ids.ravel().tolist(), pixels, strict=True)}
 
 
-def require_board(
-    seen: dict[str, Corners], board: Board, photos: Sequence[Photo] = ()
-) -> dict[str, Corners]:
+def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
     """Check that some corner of the board was detected in at least two photographs.
 
     seen: the detected corners of each photograph, by its name; returned unchanged. Raises
-    HandbenchError if no corner is in two photographs; the message then says what to correct in the
-    board's description, judged from the patterns found in `photos`.
+    HandbenchError if no corner is in two photographs.
     """
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
         count = sum(bool(found) for found in seen.values())
-        change = pattern_in(photos, board)
-        advice = (
-            (f"write {change} in the board's description") if change else _markers_in(photos, board)
-        )
         raise HandbenchError(
             f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
-            f"photographs, but none in two of them; {advice}"
+            "photographs, but none in two of them; check dictionary, ids, columns, rows and "
+            "legacy in the board's description, and the focus of the photographs"
         )
     return seen
-
-
-def pattern_in(photos: Sequence[Photo], board: Board) -> str:
-    """Find out how the ChArUco board in the photographs differs from its description.
-
-    Three changes are tried: the other pattern of OpenCV (before or after version 4.6), columns and
-    rows exchanged, and both. Returns the entries of `board.toml` that correct the description, such
-    as "legacy = true", or an empty string if no change helps.
-    """
-    if board.charuco is None:
-        return ""
-    columns, rows, legacy = board.charuco.columns, board.charuco.rows, board.charuco.legacy
-    pictures = [(photo.gray() * 255).round().astype(np.uint8) for photo in photos[:TRIED]]
-    found = dict[str, int]()
-    for exchanged, other in ((False, True), (True, False), (True, True)):
-        keys = {"columns": rows, "rows": columns} if exchanged else {}
-        keys |= {"legacy": not legacy} if other else {}
-        tried = Board(charuco=board.charuco.model_copy(update=keys))
-        words = ", ".join(f"{key} = {str(value).lower()}" for key, value in keys.items())
-        found[words] = sum(len(_chessboard_corners(picture, tried)) for picture in pictures)
-    best = max(found, key=lambda words: found[words])
-    return best if found[best] >= FEWEST_CORNERS else ""
-
-
-def _markers_in(photos: Sequence[Photo], board: Board) -> str:
-    """Write the end of an error message: which markers of the board's dictionary the photographs
-    show, and what the user should check."""
-    detector, seen = cv2.aruco.ArucoDetector(board.cv_dictionary()), set[int]()
-    for photo in photos[:TRIED]:
-        _, ids, _ = detector.detectMarkers((photo.gray() * 255).round().astype(np.uint8))
-        seen |= set() if ids is None else set(map(int, ids.ravel()))
-    if not seen:
-        return (
-            "check dictionary and ids in the board's description, and the focus of the photographs"
-        )
-    known = {marker.id for marker in board.marker}
-    known |= set(board.charuco.cv_board().getIds().ravel().tolist()) if board.charuco else set()
-    return (
-        f"the photographs show {len(seen)} markers, {min(seen)} to {max(seen)}, and the board's "
-        f"description has {len(known)}, {min(known)} to {max(known)}: check its columns, rows and "
-        "ids"
-    )
 
 
 def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:

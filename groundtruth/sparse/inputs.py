@@ -169,7 +169,7 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
     corners: dict[str, Corners] = {}
     if board is not None:
         corners = require_board(
-            {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board, photos
+            {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board
         )
     centres_m = [camera.centre_m for camera in cameras or () if camera.posed]
     origin_m = origin_near(np.array(centres_m))

@@ -5,7 +5,7 @@ import argparse
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon_alignment import load_any_transform, save_alignment
+from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.evaluation.refine import refine_files
 from handbench.bench.run import photogrammetry
@@ -33,17 +33,12 @@ def run(options: argparse.Namespace) -> None:
     files = [file for file in (options.out, options.array) if file]
     for file in files:
         free(file, options.overwrite)
-    if len({file.resolve() for file in (*files, *filter(None, [options.maroon]))}) < len(
-        files
-    ) + bool(options.maroon):
+    if len({file.resolve() for file in files}) < len(files):
         raise HandbenchError(
-            f"-o, --array, --maroon: two of these options name the same file, {options.out}; give "
-            "each option its own file"
+            f"-o, --array: both name the same file, {options.out}; give each its own file"
         )
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
-    if options.maroon:
-        save_alignment(options.maroon, transform)
     if options.since:
         say(
             motion(

@@ -58,9 +58,9 @@ def run(options: argparse.Namespace) -> None:
     from handbench.reports.figures.style import save
     from handbench.reports.page.scene3d import page
 
-    if options.paper or (options.out is not None and options.out.suffix.lower() == ".toml"):
+    if options.out is not None and options.out.suffix.lower() == ".toml":
         raise HandbenchError(
-            f"{path}: is neither a target nor a board; use --paper and -o FILE.toml only with these"
+            f"{path}: is neither a target nor a board; use -o FILE.toml only with these"
         )
     out = options.out or Path(path.resolve().name).with_suffix(
         ".html" if options.turned else ".png"
@@ -79,19 +79,20 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _drawing(options: argparse.Namespace) -> None:
-    """Write a board or a calibration target as a drawing at true scale (.pdf, .svg) or, if -o ends
-    in .toml, as its description."""
+    """Write a board or a calibration target as a drawing at true scale (.pdf) or, if -o ends in
+    .toml, as its description."""
     from handbench.calibration.spheres.description import Target, save_target
     from handbench.groundtruth.board.board import save_board
-    from handbench.reports.drawings.board_drawing import board_sheets
-    from handbench.reports.drawings.sheets import check_suffix, save
-    from handbench.reports.drawings.target_drawing import target_sheets
+    from handbench.reports.drawings.board_drawing import board_sheet
+    from handbench.reports.drawings.sheets import INCH_MM, save
+    from handbench.reports.drawings.target_drawing import target_sheet
 
     path: Path = options.path
     if options.turned:
         raise HandbenchError(f"{path}: a drawing cannot be turned in 3D; leave out --3d")
     out = options.out or Path(path.name).with_suffix(".pdf")
-    check_suffix(out, (".svg", ".pdf", ".toml"))
+    if out.suffix.lower() not in (".pdf", ".toml"):
+        raise HandbenchError(f"{out}: ends in '{out.suffix}'; expected .pdf, .toml")
     free(out, options.overwrite)
     thing, title = _described(path)
     if out.suffix.lower() == ".toml":
@@ -101,15 +102,11 @@ def _drawing(options: argparse.Namespace) -> None:
             save_board(out, thing)
         say(f"{out}: {title}")
         return
-    paper = options.paper or ("fit" if out.suffix.lower() == ".svg" else "A4")
-    figures = (
-        target_sheets(thing, title, paper)
-        if isinstance(thing, Target)
-        else board_sheets(thing, title, paper)
-    )
-    save(out, figures)
-    width, height = figures[0].get_size_inches() * 25.4
-    say(f"{out}: {title}, {len(figures)} sheet(s) of {width:.0f} × {height:.0f} mm; print at 100 %")
+    draw = target_sheet if isinstance(thing, Target) else board_sheet
+    figure = draw(thing, title)
+    save(out, figure)
+    width, height = figure.get_size_inches() * INCH_MM
+    say(f"{out}: {title}, {width:.0f} × {height:.0f} mm; print at 100 %")
 
 
 def _described(path: Path) -> tuple[Target | Board, str]:

@@ -18,18 +18,12 @@ odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the seco
 The method `joint` finds each pixel's depth in this way from any set of tones at once. FSK with a
 ladder of tones uses one tone after the other, and each must resolve the next one's period; all
 pairs of tones together are less ambiguous.
-
-Two established estimators of the shift are here for comparison. Capon (Proc. IEEE 57 (1969) 1408),
-with the covariance R of sub-bands averaged forward and backward (Shan, Wax & Kailath, IEEE Trans.
-ASSP 33 (1985) 806) and loaded diagonally, takes the maximum of P(Δ) = 1 / (aᴴ R⁻¹ a), a_l = e^{−j l
-δk Δ}. The coherence factor (Mallart & Fink, JASA 96 (1994) 3721) is |Σ O|² / (N Σ |O|²) of the
-tones' images, computed at each depth that is tried.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -51,8 +45,6 @@ NONE = 0.8  # and below which it has none
 TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
 NEAR = 0.25  # share of the reach of a repeated search
-LOADING, LEAST = 1e-2, 1e-30  # of R's mean diagonal; least divisor
-CAPON_STEP_M, IMAGED_STEP_M = 0.25e-3, 0.5e-3
 
 
 class Alignment(NamedTuple):
@@ -200,48 +192,6 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
         np.where(seen, values_m, np.nan) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
     )
     return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
-
-
-def capon(
-    images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float
-) -> np.ndarray:
-    """Find, for n pixels, the shift along z at which the Capon spectrum of the tones' images is
-    highest: [n], metres, within ±reach_m.
-
-    images: [f, n] at evenly spaced tones [f]; rise [n]: growth of the path there and back per metre
-    along z.
-    """
-    half, spacing_hz = len(images) // 2, np.ptp(frequencies_hz) / (len(frequencies_hz) - 1)
-    bands = np.stack([images[i : i + half].T for i in range(len(images) - half + 1)]).astype(
-        np.complex128
-    )
-    covariance = np.einsum("bni,bnj->nij", bands, bands.conj())
-    covariance += covariance[:, ::-1, ::-1].conj()
-    mean = np.trace(covariance, axis1=1, axis2=2).real / half
-    inverse = np.linalg.inv(covariance + (LOADING * mean + LEAST)[:, None, None] * np.eye(half))
-    tried_m = np.arange(-reach_m, reach_m + CAPON_STEP_M / 2, CAPON_STEP_M)
-    turns_per_m = 2 * np.pi * spacing_hz / SPEED_OF_LIGHT_M_S * rise[:, None] * np.arange(half)
-    inverse_power = [_form(inverse, np.exp(-1j * turns_per_m * there_m)) for there_m in tried_m]
-    return np.asarray(tried_m[np.argmin(inverse_power, axis=0)])
-
-
-def coherence_factor(image: Callable[[float], np.ndarray], reach_m: float) -> np.ndarray:
-    """Find, for n pixels, the shift along z at which the tones' images are most coherent: [n],
-    metres, within ±reach_m.
-
-    image: function from a shift in metres to the tones' images [f, n] at points shifted by it.
-    """
-    tried_m = np.arange(-reach_m, reach_m + IMAGED_STEP_M / 2, IMAGED_STEP_M)
-    images = map(image, tried_m)
-    factors = [
-        np.abs(o.sum(axis=0)) ** 2 / np.maximum((np.abs(o) ** 2).sum(axis=0), LEAST) for o in images
-    ]
-    return np.asarray(tried_m[np.argmax(factors, axis=0)])
-
-
-def _form(inverse: np.ndarray, steering: np.ndarray) -> np.ndarray:
-    """Compute the quadratic form aᴴ R⁻¹ a of each pixel: [n], from R⁻¹ [n, i, i] and a [n, i]."""
-    return np.asarray(np.einsum("ni,nij,nj->n", steering.conj(), inverse, steering).real)
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:

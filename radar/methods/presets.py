@@ -35,7 +35,6 @@ from handbench.radar.methods.registry import PAPER, Reconstruction, register
 from handbench.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
-ALONG_Z = "radar/methods/alignment.py, after Capon 1969 and Mallart & Fink 1994"
 OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
 PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # All improvements. The second refinement corrects the errors of the first one, which is out of
@@ -181,22 +180,6 @@ _preset(
     "broadband-aligned",
     AlignedConfig,
     "broadband with depths at which the tones' phases agree",
-)
-_preset(
-    _mip,
-    "broadband-capon",
-    AlignedConfig,
-    "the same by Capon's spectrum of the tones",
-    ALONG_Z,
-    estimator="capon",
-)
-_preset(
-    _mip,
-    "broadband-coherence",
-    AlignedConfig,
-    "the same by the coherence factor",
-    ALONG_Z,
-    estimator="coherence",
 )
 
 

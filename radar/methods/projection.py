@@ -28,7 +28,7 @@ from handbench.radar.imaging.cpu.executor import ToneSkeleton
 from handbench.radar.imaging.peaks import Peaks
 from handbench.radar.imaging.plan import get_or_compute as kept_plan
 from handbench.radar.imaging.tree import Family
-from handbench.radar.methods.alignment import align, capon, coherence_factor, filter_by_agreement
+from handbench.radar.methods.alignment import align, filter_by_agreement
 from handbench.radar.methods.fsk import path_rise
 from handbench.radar.methods.projection_config import AlignedConfig, ProjectionConfig
 
@@ -78,8 +78,7 @@ def project(
     exact = _exact(samples, frequencies_hz, capture.aperture, grid)
     peaks = settle_peaks(peaks, config.threshold_db, exact, len(grid.z_m) * config.subvoxel)
     depth = maximum_projection(peaks, config, method)
-    capons = isinstance(config, AlignedConfig) and config.estimator == "capon"
-    some = even_subset(len(frequencies_hz), CHECKED * (1 + capons))
+    some = even_subset(len(frequencies_hz), CHECKED)
     range_cells = 2 * np.ptp(frequencies_hz) * np.ptp(grid.z_m) / SPEED_OF_LIGHT_M_S
     least = least_coherence(len(frequencies_hz), len(some), range_cells)
     # noise aligns so few tones as well as an echo does
@@ -98,26 +97,8 @@ def project(
     )
     if not isinstance(config, AlignedConfig):
         return depth
-
-    def image(shift_m: float) -> np.ndarray:
-        return image_points(
-            samples[some],
-            frequencies_hz[some],
-            capture.aperture,
-            points + [0, 0, shift_m],
-            config.tolerance,
-            apart=True,
-        )
-
-    return _aligned(
-        depth,
-        config,
-        points,
-        images,
-        frequencies_hz[some],
-        path_rise(points, capture.aperture),
-        image,
-    )
+    rise = path_rise(points, capture.aperture)
+    return _aligned(depth, config, points, images, frequencies_hz[some], rise)
 
 
 def settle_peaks(peaks: Peaks, threshold_db: float, exact: Exact, beside: int = 0) -> Peaks:
@@ -202,25 +183,17 @@ def _aligned(
     images: np.ndarray,
     frequencies_hz: np.ndarray,
     rise: np.ndarray,
-    image: Callable[[float], np.ndarray],
 ) -> DepthMap:
     """Return the depth map with the depths at which the tones' images agree, their predicted 1σ and
     flags, averaged over neighbouring pixels.
 
     points_m [n, 3]: strongest voxels of the n pixels with a depth; images [f, n]: images at these
-    points; rise [n]: growth of the path there and back per metre along z; image: function from a
-    shift along z, metres, to the images [f, n] at points shifted by it.
+    points; rise [n]: growth of the path there and back per metre along z.
     """
     pixels, bandwidth_hz = PixelGrid(depth.x_m, depth.y_m), np.ptp(frequencies_hz)
-    index, reach_m = np.flatnonzero(np.isfinite(depth.z_m)), SPEED_OF_LIGHT_M_S / (2 * bandwidth_hz)
-    found = align(images, frequencies_hz, rise)
-    shift_m = found.shift_m
-    if config.estimator == "capon":
-        shift_m = capon(images, frequencies_hz, rise, reach_m)
-    elif config.estimator == "coherence":
-        shift_m = coherence_factor(image, reach_m)
+    index, found = np.flatnonzero(np.isfinite(depth.z_m)), align(images, frequencies_hz, rise)
     z_m, own_m = (
-        pixels.on_map(index, values) for values in (points_m[:, 2] + shift_m, found.sigma_m)
+        pixels.on_map(index, values) for values in (points_m[:, 2] + found.shift_m, found.sigma_m)
     )
     coherence = pixels.on_map(index, found.coherence, 1.0)
     return filter_by_agreement(

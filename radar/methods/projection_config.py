@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from pydantic import Field, model_validator
 
@@ -55,17 +53,11 @@ class AlignedConfig(AgreementConfig, BroadbandConfig):
     """Parameters of broadband backprojection with refined depths: each pixel's depth is that at
     which the phases of some tones agree."""
 
-    estimator: Literal["phases", "capon", "coherence"] = Field(
-        default="phases", description="of the shift along z"
-    )
-
     @model_validator(mode="after")
     def _alignable(self) -> AlignedConfig:
-        fewest = FEWEST + (self.estimator == "capon")  # whose spectrum of two subsets is flat
-        if self.count < fewest:
+        if self.count < FEWEST:
             raise ValueError(
-                f"count is {self.count}, but this estimator needs {fewest} or more tones; raise "
-                "count"
+                f"count is {self.count}, but alignment needs {FEWEST} or more tones; raise count"
             )
         if self.subvoxel:
             raise ValueError(

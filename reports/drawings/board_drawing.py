@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from handbench.reports.drawings.sheets import Drawing, sheets
+from handbench.reports.drawings.sheets import sheet
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -27,19 +27,10 @@ SQUARE = 0.02
 QUIET = 1 / 6
 
 
-def board_sheets(board: "Board", title: str, paper: str) -> list[Figure]:
-    """Return the printable sheets of a board (ArUco markers, ChArUco) at true scale, with the
-    board's x axis to the right.
-    title: printed on each sheet; paper: a name in PAPERS_MM, or "fit" for one sheet as large as
-    needed. Raises HandbenchError for an unknown paper, a marker that the dictionary does not have,
-    and a board that is not flat."""
-    return sheets([board_drawing(board, title)], paper)
-
-
-def board_drawing(board: "Board", title: str) -> Drawing:
-    """Return the board as one drawing: all its black parts, inside a white border. Raises
-    HandbenchError for a marker that the dictionary does not have and for a board that is not
-    flat."""
+def board_sheet(board: "Board", title: str) -> Figure:
+    """Return the printable page of a board (ArUco markers, ChArUco) at true scale, inside a white
+    border, with the board's x axis to the right. title: printed at its foot. Raises HandbenchError
+    for a marker that the dictionary does not have and for a board that is not flat."""
     quads_mm = np.array(list(black_quads_mm(board)))
     charuco_m = [board.charuco.marker_m] if board.charuco else []
     quiet_mm = QUIET * MILLIMETRES * max(_sides_m(board) + charuco_m)
@@ -51,9 +42,8 @@ def board_drawing(board: "Board", title: str) -> Drawing:
         ink = Path.make_compound_path(*rings)
         axes.add_patch(PathPatch(ink, facecolor="black", edgecolor="none", snap=False, gid="ink"))
 
-    return Drawing(
-        float(width), float(height), title, f"{width:.1f} × {height:.1f} mm: {_sizes(board)}", paint
-    )
+    note = f"{width:.1f} × {height:.1f} mm: {_sizes(board)}"
+    return sheet((float(width), float(height)), title, note, paint)
 
 
 def black_quads_mm(board: "Board") -> Iterator[np.ndarray]:

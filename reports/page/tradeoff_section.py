@@ -49,7 +49,7 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     for about in found.facts.sections:
         shown = [
             saved[stem]
-            for stem in (f"{kind}_{about.name}" for kind in ("front", "speed", "time"))
+            for stem in (f"{kind}_{about.name}" for kind in ("front", "speed"))
             if stem in saved
         ]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 import handbench.bench.run.photogrammetry
-from handbench.bench.datasets.maroon_alignment import load_any_transform
-from handbench.calibration.transforms import Transform, load_transform
+from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 
 COVARIANCE = np.diag([5e-5, 5e-5, 8e-5, 5e-4, 5e-4, 5e-4]) ** 2
@@ -42,14 +39,3 @@ def test_an_earlier_calibration_tells_whether_the_rig_moved(
     assert (
         "at the hand's centre ± 0.16 × 0.16 × 0.08 mm" in printed
     )  # √(0.05² + (0.3 m · 0.5 mrad)²)
-
-
-def test_the_transform_is_written_as_maroon_has_it_too(tmp_path, measured):
-    file = tmp_path / "alignment.json"
-    file.write_text(json.dumps({"kinect_calib": {"space": "depth"}, "mine": 3}), encoding="utf-8")
-    assert main(["calibrate", "cap", "-o", str(tmp_path / "t.json"), "--maroon", str(file)]) == 0
-    assert json.loads(file.read_text(encoding="utf-8"))["mine"] == 3
-    read = load_any_transform(file)
-    assert (read.source, read.target) == ("photo", "radar")
-    for found in (read, load_transform(tmp_path / "t.json")):
-        np.testing.assert_allclose(found.matrix, transform(2e-3).matrix, atol=1e-12)

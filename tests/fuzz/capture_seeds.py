@@ -9,7 +9,6 @@ import numpy as np
 import tomlkit
 from scipy.io import savemat
 
-from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.datasets.maroon_frame import Frame
 from handbench.bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
 from handbench.calibration.array.array_file import ArrayCalibration, Side, save_array
@@ -21,7 +20,7 @@ from tests.bench.datasets import test_mapping as foreign
 from tests.bench.datasets import test_ti_raw as board
 from tests.bench.datasets import test_ti_studio as studio
 from tests.bench.datasets import test_touchstone as analyser
-from tests.bench.datasets.maroon_writer import write_frame
+from tests.bench.datasets.maroon_writer import write_alignment, write_frame
 from tests.fuzz.geometry_seeds import depth, meshes, radar_from_photo
 
 MATLAB = "hand.mat5"  # no .mat: those who know HDF5 would break it
@@ -109,7 +108,7 @@ def maroon(folder: Path) -> None:
     box = {"zmin": 0.2, "zmax": 0.5}
     about = {"distance_meters": 0.3, "mask_erosion": 8, "mask_bb": box, "labels": ["hand"]}
     write_json(at.parent / "metadata.json", about)
-    save_alignment(at.parent / "alignment.json", radar_from_photo())
+    write_alignment(at.parent / "alignment.json", radar_from_photo())
     (at.parent / "photogrammetry").mkdir()
     meshes(folder)
     (folder / "mesh.obj").rename(at.parent / "photogrammetry" / "mesh_masked.obj")

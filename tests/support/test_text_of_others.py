@@ -4,8 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.groundtruth.board.board import Board
-from handbench.groundtruth.board.markers import require_board
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.photos.photos import find_photos
@@ -100,8 +98,8 @@ def test_a_metashape_chunk_without_cameras_is_passed_over(tmp_path, empty):
         read_metashape(tmp_path / "a.xml", photos=["b.jpg"])
 
 
-def pictures(folder, suffixes, picture=None):
-    picture = np.zeros((20, 30), np.uint8) if picture is None else picture
+def pictures(folder, suffixes):
+    picture = np.zeros((20, 30), np.uint8)
     for k, suffix in enumerate(suffixes):
         (folder / f"{k}{suffix}").write_bytes(cv2.imencode(".jpg", picture)[1])
     return folder
@@ -124,15 +122,3 @@ def test_another_format_under_the_name_of_a_jpeg_is_named(tmp_path):
     (folder / "1.jpg").write_bytes(b"\0\0\0\x1cftypavif" + b"\0" * 16)
     with pytest.raises(HandbenchError, match=r"1\.jpg: .*no JPEG.* inside, but AVIF"):
         find_photos(folder)
-
-
-def test_a_board_of_another_size_is_known_by_its_markers(tmp_path):
-    squares = {"square_m": 0.03, "marker_m": 0.022, "dictionary": "DICT_4X4_50"}
-    seen = Board.model_validate({"charuco": {"columns": 7, "rows": 5, **squares}})
-    described = Board.model_validate({"charuco": {"columns": 9, "rows": 6, **squares}})
-    drawn = np.pad(seen.charuco.cv_board().generateImage((700, 500)), 60, constant_values=255)
-    photos = find_photos(pictures(tmp_path, [".jpg"] * 3, drawn))
-    with pytest.raises(
-        HandbenchError, match="17 markers, 0 to 16, and the board's description has 27, 0 to 26"
-    ):
-        require_board({photo.name: {} for photo in photos}, described, photos)

@@ -41,7 +41,7 @@ from handbench.support.files import write_text
 
 SCHEMAS = declared_tables(__file__)
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
-VOLUMES = ("broadband", "broadband-aligned", "broadband-capon", "broadband-coherence", "narrowband")
+VOLUMES = ("broadband", "broadband-aligned", "narrowband")
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
 SILENT = 0.01  # p_gross below which nobody doubts a depth
 HANDS, ASSORTED = 10, 30  # scenes of points to one hand, and to one assorted scene

@@ -8,7 +8,6 @@ import pytest
 
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon import MESHES, eroded
-from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.datasets.maroon_frame import Frame
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
@@ -21,7 +20,7 @@ from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.foreign_captures import AXES, PLACE_M, TONES_HZ
-from tests.bench.datasets.maroon_writer import write_frame
+from tests.bench.datasets.maroon_writer import write_alignment, write_frame
 from tests.radar.exact import backproject
 
 
@@ -109,7 +108,7 @@ def test_the_alignment_of_the_calibration_stands_in(mine):
     coarse = mine.parents[1] / "00_registration" / "01_coarse"
     coarse.mkdir(parents=True)
     metadata.write_text('{"calibration": "01_coarse", "calibration_fine": "01_fine"}')
-    save_alignment(coarse / "alignment.json", Transform("photo", "radar", matrix))
+    write_alignment(coarse / "alignment.json", Transform("photo", "radar", matrix))
     np.testing.assert_allclose(open_capture(mine).transform().matrix, matrix, atol=1e-12)
     metadata.write_text('{"calibration": "../../../secret"}')
     with pytest.raises(HandbenchError, match="is outside the folder"):

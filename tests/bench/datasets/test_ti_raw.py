@@ -13,6 +13,7 @@ import handbench as hb
 from handbench.bench.datasets.ti_profile import ChirpProfile
 from handbench.bench.datasets.ti_raw import import_ti_raw
 from handbench.bench.datasets.ti_samples import decode
+from handbench.bench.validation.inspection import problems_of
 from handbench.cli.main import main
 from handbench.support.errors import HandbenchError
 from tests.bench.datasets.ti_captures import stream as written
@@ -215,6 +216,8 @@ def test_profiles_that_are_refused(tmp_path, old, new, message):
     with pytest.raises(HandbenchError) as caught:
         import_ti_raw(tmp_path, tmp_path / "out")
     assert message in str(caught.value)
+    if "whole number of frames" in message:
+        assert message in str(next(problems_of(str(tmp_path))))
     assert str(tmp_path) in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -8,7 +8,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.datasets.maroon_alignment import save_alignment
 from handbench.bench.evaluation import refine as refine_module
 from handbench.bench.evaluation.refine import refine
 from handbench.calibration.transforms import Transform, identity, load_transform
@@ -17,6 +16,7 @@ from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.errors import HandbenchError
+from tests.bench.datasets.maroon_writer import write_alignment
 
 AXIS_M = np.arange(-0.06, 0.0601, 0.002)
 CENTRE_M = np.array([0.0, 0.0, 0.3])
@@ -160,7 +160,7 @@ def test_the_command_starts_from_maroons_file_and_says_the_covariance_or_why_the
 ):
     monkeypatch.chdir(tmp_path)
     truth = motion((0, 1, 2), (0.5, 0, 0))
-    save_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
+    write_alignment(tmp_path / "alignment.json", motion((0, 0, 0), (0, 0, 0)))
     plane = surface_of(lambda x, y: 0.3 + 0 * x)
     for name, surface in (("bumps", BUMPS), ("plane", plane)):
         surface.save(tmp_path / f"{name}.ply")

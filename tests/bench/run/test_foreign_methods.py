@@ -167,9 +167,9 @@ MAPS = {
     "moved": ({"x_m": GRID.x_m + 1e-5}, "x_m differs from the benchmark's grid"),
     "a pickle": ({"x_m": [{}]}, "not a readable .npz"),
     "turned": ({"z_m": np.ones((5, 3))}, r"z_m is float64 \(5, 3\); expected real numbers"),
-    "beyond float32": ({"z_m": np.full(GRID.shape, 1e300)}, "infinite depths"),
+    "beyond float32": ({"z_m": np.full(GRID.shape, 1e300)}, "z_m is 1e.300 at"),
     "empty": ({"z_m": np.full(GRID.shape, np.nan)}, "no depth at all"),
-    "NaN amplitudes": ({"amplitude_db": np.full(GRID.shape, np.nan)}, "amplitude_db is not finite"),
+    "NaN amplitudes": ({"amplitude_db": np.full(GRID.shape, np.nan)}, "amplitude_db is nan at"),
     "millimetres": ({"z_m": np.full(GRID.shape, 300.0)}, "check that the unit is metres"),
     "times": ({"seconds": np.ones(2)}, "seconds is array"),
 }

@@ -1,4 +1,4 @@
-"""The report of a trade-off: fronts, where time goes, claims; alone and beside a result."""
+"""The report of a trade-off: fronts and claims; alone and beside a result."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def found(folder):
 
 def test_a_folder_alone_becomes_a_page_with_pictures_for_papers(folder, tmp_path):
     assert html.build(folder, tmp_path) == tmp_path / "index.html"
-    stems = ("front_imaging", "time_imaging", "front_groundtruth")
+    stems = ("front_imaging", "front_groundtruth")
     pictures = {f"{stem}{suffix}" for stem in stems for suffix in (".png", ".pdf")}
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {"index.html", "front.md", "front.tex", *pictures}
