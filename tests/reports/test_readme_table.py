@@ -17,8 +17,8 @@ from tests.reports.synthetic_result import write_synthetic
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'
 
 
-@pytest.fixture
-def result(tmp_path) -> results.Result:
+@pytest.fixture(scope="module")
+def result(tmp_path_factory) -> results.Result:
     """A synthetic result, of a scene, with comparisons as the methods are and under equal
     treatment."""
     figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "photogrammetry", 3, 30, "")
@@ -27,9 +27,9 @@ def result(tmp_path) -> results.Result:
         for worse in ("2fsk", "broadband", "narrowband")
         for treatment in ("", "none")
     ]
-    found = results.load(write_synthetic(tmp_path / "run", equal=True))
+    found = results.load(write_synthetic(tmp_path_factory.mktemp("result"), equal=True))
     files = {**found.files, "comparisons": frame(COMPARISONS, lines)}
-    return replace(found, folder=tmp_path / "run", config=CONFIG, files=files)
+    return replace(found, config=CONFIG, files=files)
 
 
 @pytest.fixture
