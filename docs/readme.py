@@ -15,17 +15,22 @@ import argparse
 import hashlib
 import json
 import re
-import shutil
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import matplotlib
+from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.tables import EQUAL as EQUAL_TABLE
 from handbench.bench.evaluation.tables import TABLE, each, frame, records
 from handbench.bench.results import HEADLINE, Result, load
 from handbench.bench.results.about import SHARES, TREATMENTS, on_common_pixels
+from handbench.reports.figures.depth_maps import depth_maps
+from handbench.reports.figures.style import STYLE, save
 from handbench.reports.tables.blocks import (
     NONE,
     busy_note,
@@ -38,7 +43,7 @@ from handbench.reports.tables.blocks import (
 )
 from handbench.reports.tables.result_tables import bold, escaped, findings, table
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_text
+from handbench.support.files import write_text
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
@@ -62,9 +67,8 @@ METHODS = (
     "broadband-aligned",
 )  # the columns
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
-FIGURES = {
-    "docs/depth_F.png": "report/figures/depth_F.png"
-}  # the README's, and where a result's report has it
+FIGURE, POSE = "docs/depth_F.png", "F"  # the README's figure, and the capture that it shows
+SHOWN = ("2fsk", "3fsk", "broadband")  # its methods: few, so that it can be read at page width
 MACHINE = ("processor", "cores", "memory_gb", "gemm_gflops", "imaging_device")
 SCENES = "bench/run/benchmarks"
 BLOCK = re.compile(r"(<!-- table: begin -->\n)(.*?)(<!-- table: end -->)", re.DOTALL)
@@ -119,7 +123,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
         "best": {metric: sorted(outstanding(result, metric, REFERENCE)) for metric in METRICS}
         | best_equal,
         "sentences": findings(result),
-        "figures": {name: _sha256(result.folder / source) for name, source in FIGURES.items()},
+        "figures": {FIGURE: _sha256(root / FIGURE)},
     }
 
 
@@ -223,22 +227,30 @@ def _cell(row: Any, star: bool) -> str:
 
 
 def write(result: Result, root: Path = ROOT) -> None:
-    """Write docs/table.json, the tables in the pages, and the figures from the result's report.
-    root: of the repository. Raises HandbenchError if the report is missing."""
-    texts, recorded = {page: _page(root / page) for page in PAGES}, record(result, root)
-    for name, source in FIGURES.items():
-        drawn = result.folder / source
-        if not drawn.is_file():
-            report = result.folder / "report"
-            raise HandbenchError(
-                f"{drawn}: is missing; run `handbench report {result.folder} -o {report}` first"
-            )
-        with atomic_path(root / name) as temporary:
-            shutil.copyfile(drawn, temporary)
+    """Write docs/table.json, the tables in the pages, and the figure.
+    root: of the repository. Raises HandbenchError for a result that is not one of the benchmark
+    paper_table."""
+    texts = {page: _page(root / page) for page in PAGES}
+    save(draw(result), root / FIGURE)
+    recorded = record(result, root)
     write_text(root / "docs/table.json", json.dumps(recorded, indent=1, ensure_ascii=False) + "\n")
     for page, rendered in PAGES.items():
         shown = rendered(recorded)
         write_text(root / page, BLOCK.sub(lambda m, shown=shown: m[1] + shown + m[3], texts[page]))
+
+
+def draw(result: Result) -> Figure:
+    """Draw the README's figure: photograph, ground truth, and the depths and errors of the methods
+    SHOWN, of the capture POSE. Raises HandbenchError if the result lacks this capture."""
+    found = [capture for capture in result.about.captures if capture.name == POSE]
+    if not found:
+        raise HandbenchError(
+            f"{result.folder}: lacks capture {POSE}; expected a run of paper_table"
+        )
+    methods = tuple(method for method in result.about.methods if method.name in SHOWN)
+    shown = replace(result, about=result.about.model_copy(update={"methods": methods}))
+    with matplotlib.rc_context(STYLE):
+        return depth_maps(shown, found[0], REFERENCE).figure
 
 
 def stale(root: Path = ROOT) -> list[str]:

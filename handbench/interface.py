@@ -86,10 +86,13 @@ class Capture:
         self.folder: Path = self._recorded.folder
 
     def __repr__(self) -> str:
+        from handbench.radar.data.capture import fitting_unit
+
         echoes = self.echoes
-        ghz = echoes.frequencies_hz / 1e9
+        hz = echoes.frequencies_hz
+        unit_hz, unit = fitting_unit(hz.max())
         shape = " × ".join(map(str, echoes.aperture.channels))
-        tones = f"{len(ghz)} tones from {ghz.min():.4g} to {ghz.max():.4g} GHz"
+        tones = f"{len(hz)} tones from {hz.min() / unit_hz:.4g} to {hz.max() / unit_hz:.4g} {unit}"
         return (
             f"<handbench.Capture {self.name}: {len(echoes.samples)} frames, {tones}, {shape} "
             "channels>"

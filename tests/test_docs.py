@@ -126,11 +126,13 @@ def test_the_smallest_mapping_reads_what_matlab_writes(tmp_path):
     )
 
 
-def test_the_smallest_transform_is_read(tmp_path):
-    [text] = [block for block in blocks(DOCS / "own_data.md", "json") if '"matrix"' in block]
-    (tmp_path / "t.json").write_text(text, encoding="utf-8")
-    transform = load_transform(tmp_path / "t.json").require("photo", "radar", "page")
-    assert transform.points(np.array([0.1, 0.2, 0.1])) == pytest.approx((-0.1, 0.2, 0.3))
+def test_the_smallest_transforms_are_read(tmp_path):
+    texts = [block for block in blocks(DOCS / "own_data.md", "json") if '"matrix"' in block]
+    expected = ((-0.1, 0.2, 0.3), (0.1, 0.2, 0.1))  # the second is the identity
+    for text, moved_m in zip(texts, expected, strict=True):
+        (tmp_path / "t.json").write_text(text, encoding="utf-8")
+        transform = load_transform(tmp_path / "t.json").require("photo", "radar", "page")
+        assert transform.points(np.array([0.1, 0.2, 0.1])) == pytest.approx(moved_m)
 
 
 def test_scenes_and_benchmarks_of_the_first_pages_are_valid():

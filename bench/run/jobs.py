@@ -218,7 +218,7 @@ def references(
         raise HandbenchError(
             f"{capture.folder}: has no surface to compare depths with; add photographs or "
             "mesh.ply with a transform (radar_from_photo.json, or [calibration] in the "
-            "benchmark), or truth.ply"
+            "benchmark)"
         )
     return {name: available[name] for name in REFERENCES if name in available}
 

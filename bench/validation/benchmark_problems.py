@@ -118,7 +118,7 @@ def benchmark_problems(found: ParsedFile) -> Iterator[Problem]:
                 yield found.problem(at, text)
             places.setdefault(name, here)
             scored |= {name: about} if accuracy else {}
-        if accuracy and not facts.scored[calibrated]:
+        if accuracy and facts.scored[True] and not facts.scored[calibrated]:
             text = f"capture '{about.name}': nothing transforms its surface to the radar frame"
             yield found.problem(
                 at, f"{text}; add {TRANSFORM} to the capture, or [calibration] to the benchmark"

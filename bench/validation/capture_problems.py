@@ -17,6 +17,7 @@ from handbench.bench.datasets.native import (
     ECHOES,
     EMPTY,
     FAR_M,
+    MESH,
     PHOTOS,
     TARGET,
     TRANSFORM,
@@ -79,6 +80,21 @@ class CheckedCapture:
     scored: tuple[bool, bool] = (True, True)
     lacks: tuple[str, ...] = ()
     times_s: np.ndarray | None = None
+
+    @property
+    def use(self) -> str:
+        """What the capture can be used for, and what is missing to compare its depths; "" for a
+        capture of the calibration target and for one that cannot be read."""
+        if self.about is None or self.about.kind == "target" or self.frequencies_hz is None:
+            return ""
+        if self.scored[0]:
+            return "can be imaged, and its depths can be compared with its surface"
+        missing = (
+            f"{TRANSFORM}, or [calibration] to a benchmark"
+            if self.scored[1]
+            else f"{PHOTOS} or {MESH}"
+        )
+        return f"can be imaged; to compare its depths with a surface, add {missing}"
 
     def refusal(self, id: str, asked: dict[str, Any]) -> str | None:
         """Return the reason why a method cannot image the capture with its tones; None if it can.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from handbench.bench.datasets.native import FAR_M, MESH, PHOTOS, TARGET, TRUTH
+from handbench.bench.datasets.native import FAR_M, MESH, PHOTOS, TARGET
 from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
@@ -247,7 +247,7 @@ CHECKS = (
         "reference",
         "missing",
         lambda f: not f["known"],
-        f"has no surface to compare depths with; add {PHOTOS}, {MESH} or {TRUTH}",
+        f"has no surface to compare depths with; add {PHOTOS} or {MESH}",
         fails=True,
     ),
     Check(

@@ -131,8 +131,9 @@ def problems_of(
     name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, a result
     or a trade-off), the name of a benchmark, or the file of a benchmark, a scene, a target, a
     board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored:
-    whether a capture needs a reference surface (None: it need not have one). mesh, transform: for a
-    depth map, the surface that it shows, and the transform of this surface to the radar frame.
+    whether a capture needs a reference surface (None: it need not have one; what a capture can be
+    used for is printed then). mesh, transform: for a depth map, the surface that it shows, and the
+    transform of this surface to the radar frame.
     """
     path = Path(name)
     if path.is_dir():
@@ -167,7 +168,9 @@ def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
     elif _is_result(path):
         yield from attempt(path, partial(load_tradeoff, path))
     elif is_native(path):
-        yield from capture_problems(path, scored)
+        facts = yield from capture_problems(path, scored)
+        if scored is None and facts.use:
+            print(f"{path}: {facts.use}")
     elif is_of_photographs(path):
         yield from photo_problems(path, bool(scored))
     elif is_ti_raw(path):

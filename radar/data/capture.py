@@ -13,6 +13,7 @@ from handbench.support.errors import HandbenchError
 
 SLOWEST = 100  # how many times slower than in vacuum a wave may be (in water: 9)
 QUIETEST, LOUDEST = 1e-30, 3e38  # range of the largest real or imaginary part that complex64 holds
+UNITS = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,13 @@ class RadarCapture:
         spacing = np.median(np.diff(different)) if len(different) > 1 else 0.0
         worst = int(off.argmax())
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
-            low, high = self.frequencies_hz.min() / 1e9, self.frequencies_hz.max() / 1e9
+            unit_hz, unit = fitting_unit(different[-1])
+            low, high = different[0] / unit_hz, different[-1] / unit_hz
             raise HandbenchError(
                 f"frequencies: the method needs a tone at {wanted[worst] / 1e9:.4f} GHz, but the "
                 f"nearest of the capture's {len(self.frequencies_hz)} tones ({low:.4f}–{high:.4f} "
-                f"GHz) is {off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
+                f"{unit}) is {off[worst] / 1e6:.1f} MHz away; set the method's tones to measured "
+                "ones"
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(
@@ -127,6 +130,12 @@ class RadarCapture:
                 "apart"
             )
         return index
+
+
+def fitting_unit(frequency_hz: float) -> tuple[float, str]:
+    """Return the largest of GHz, MHz, kHz and Hz in which a frequency is at least 1: its size in
+    hertz and its name."""
+    return next((unit for unit in UNITS if frequency_hz >= unit[0]), UNITS[-1])
 
 
 def as_complex64(samples: np.ndarray) -> np.ndarray:

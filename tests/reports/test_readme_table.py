@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 
 from docs import readme
 from handbench.bench import results
@@ -16,22 +17,19 @@ from tests.reports.synthetic_result import write_synthetic
 CONFIG = 'name = "x"\n[[capture]]\nscene = "hand.toml"\n[[capture]]\npath = "elsewhere"\n'
 
 
-@pytest.fixture
-def result(tmp_path) -> results.Result:
+@pytest.fixture(scope="module")
+def result(tmp_path_factory) -> results.Result:
     """A synthetic result, of a scene, with comparisons as the methods are and under equal
-    treatment, and a report's figure."""
+    treatment."""
     figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "photogrammetry", 3, 30, "")
     lines = [
         ("mae_mm", "3fsk", worse, *figures, treatment)
         for worse in ("2fsk", "broadband", "narrowband")
         for treatment in ("", "none")
     ]
-    found = results.load(write_synthetic(tmp_path / "run", equal=True))
-    picture = tmp_path / "run" / "report" / "figures" / "depth_F.png"
-    picture.parent.mkdir(parents=True)
-    picture.write_bytes(b"a figure")
+    found = results.load(write_synthetic(tmp_path_factory.mktemp("result"), equal=True))
     files = {**found.files, "comparisons": frame(COMPARISONS, lines)}
-    return replace(found, folder=tmp_path / "run", config=CONFIG, files=files)
+    return replace(found, config=CONFIG, files=files)
 
 
 @pytest.fixture
@@ -60,8 +58,17 @@ def test_what_was_written_is_the_results_and_not_stale(result, root):
     assert mae.count("**") == 2 and mae.endswith("| – | – |")  # it has no methods of ours
     findings = [line for line in equal_text.splitlines() if line.startswith("- ")]
     assert len(findings) == 2 and "3-FSK better by 1.0 mm unsmoothed \\[0.5" in findings[0]
-    assert (root / "docs" / "depth_F.png").read_bytes() == b"a figure"
+    assert (root / "docs" / "depth_F.png").read_bytes().startswith(b"\x89PNG")
     assert readme.stale(root) == readme.disagreements(result, root) == []
+
+
+def test_the_figure_has_eight_panels_and_can_be_read_900_pixels_wide(result):
+    """Photograph, truth, and depth and error of three methods, with two colour scales; letters of
+    11 pixels and more."""
+    figure = readme.draw(result)
+    assert len(figure.axes) == 8 + 2
+    points = min(text.get_fontsize() for text in figure.findobj(Text) if text.get_text())
+    assert points / 72 * 900 / figure.get_figwidth() >= 11
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,12 @@ def one_tone(echoes):
     return replace(echoes, samples=echoes.samples[:, :1], frequencies_hz=echoes.frequencies_hz[:1])
 
 
+def gigahertz(echoes):
+    return replace(echoes, frequencies_hz=1e-9 * echoes.frequencies_hz)
+
+
 REFUSED = {
+    "GHz": (gigahertz, "if the frequencies are in gigahertz", "(79.5000–82.0000 Hz) is"),
     "mm": (
         millimetres,
         "if the positions are in millimetres",

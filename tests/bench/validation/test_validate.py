@@ -313,6 +313,28 @@ def test_a_scene_s_files_and_tones_are_checked_where_they_are_named(tmp_path):
     assert any(words in problem for problem in found_in(tmp_path / "b.toml"))
 
 
+@pytest.mark.parametrize(
+    ("has", "words"),
+    [
+        ((), "can be imaged; to compare its depths with a surface, add photos or mesh.ply"),
+        (
+            ("mesh.ply",),
+            "can be imaged; to compare its depths with a surface, add radar_from_photo",
+        ),
+        (("mesh.ply", "radar_from_photo.json"), "can be compared with its surface"),
+    ],
+)
+def test_a_capture_of_echoes_is_fine_and_says_what_a_comparison_needs(tmp_path, capsys, has, words):
+    folder = make_capture(tmp_path / "a")
+    save_capture_file(folder, CaptureFile(name="a"))
+    (folder / "truth.ply").rename(folder / "mesh.ply")
+    Transform("photo", "radar", np.eye(4)).save(folder / "radar_from_photo.json")
+    for name in {"mesh.ply", "radar_from_photo.json"} - {*has}:
+        (folder / name).unlink()
+    assert list(problems_of(str(folder), None)) == []
+    assert words in capsys.readouterr().out
+
+
 def test_the_command_counts_and_fails_and_says_what_is_fine(tmp_path, small_bench, capsys):
     fine = make_capture(tmp_path / "fine")
     show(
