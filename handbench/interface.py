@@ -12,13 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
-<<<<<<< HEAD
     from numpy.typing import ArrayLike
-    from open3d.geometry import PointCloud
-||||||| 541af17e
-    from open3d.geometry import PointCloud
-=======
->>>>>>> 85cd2ee534336a1f5771da4993ba3fdcae9675a3
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results import Result
@@ -413,8 +407,9 @@ class RunResult:
         Args:
             kind: "captures" (MAE of each capture, and the mean), "ecdf" (distribution of |z −
                 z_ref|), "bland-altman" (z − z_ref over the depth), "frames" (MAE of each frame),
-                "time" (MAE over seconds per frame), "coverage" (MAE over the share of the surface)
-                or "repeats" (scatter of the strongest scatterer).
+                "speed" (errors over the speed), "time" (MAE over seconds per frame), "coverage"
+                (MAE over the share of the surface) or "repeats" (scatter of the strongest
+                scatterer).
             file: also write the figure here (.png, .pdf, .svg); an existing file is replaced.
 
         Returns:
