@@ -159,8 +159,8 @@ def bland_altman(result: Result, counts: Counts | None = None) -> Picture:
     return Picture(
         "bland_altman",
         f"Agreement of the depth maps with the reference, {AGAINST[reference]} (Bland–Altman): "
-        "difference over mean of both depths, for the observed pixels of all captures. Lines: the "
-        "bias, and 1.96 standard deviations to either side. Differences are drawn linearly up to "
+        "difference over mean of both depths, for the observed pixels of all captures. Lines, and "
+        "numbers above: the bias ± 1.96 standard deviations. Differences are drawn linearly up to "
         f"{LINEAR_MM:g} mm.",
         "Difference of map and reference over their mean, for each method.",
         figure,

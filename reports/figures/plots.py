@@ -150,7 +150,7 @@ def error_of_captures(result: Result) -> Picture:
     return Picture(
         "error_captures",
         f"Mean absolute error of each method on {len(captures)} captures: points, in the order "
-        f"{named(captures)}; lines: their mean, with its 95 % interval.",
+        f"{named(captures)}; lines: their mean, from five captures on with its 95 % interval.",
         "Mean absolute error of each method on each capture, and the mean.",
         figure,
     )
