@@ -39,7 +39,7 @@ class ErrorCounts(NamedTuple):
     """Observed pixels by their errors z − z_ref.
     below [400]: pixels with |z − z_ref| up to each of EDGES_MM. sums [3]: pixels, and the sums of
     their errors and squared errors in mm. agreement: pixels by depth (z + z_ref)/2, in steps of
-    DEPTH_MM, and by interval of SIGNED_MM."""
+    DEPTH_MM, and by interval of SIGNED_MM, without those beyond."""
 
     below: np.ndarray
     sums: np.ndarray
@@ -51,7 +51,8 @@ class ErrorCounts(NamedTuple):
         seen = np.isfinite(errors.error_m)
         error_mm = 1e3 * errors.error_m[seen]
         depth = np.floor((1e3 * errors.reference_z_m[seen] + error_mm / 2) / DEPTH_MM)
-        pairs = np.stack([depth.astype(int), np.searchsorted(SIGNED_MM, error_mm) - 1])
+        error = np.clip(np.searchsorted(SIGNED_MM, error_mm) - 1, 0, BINS - 1)
+        pairs = np.stack([depth.astype(int), error])[:, np.abs(error_mm) <= LARGEST_MM]
         below = np.searchsorted(np.sort(np.abs(error_mm)), EDGES_MM, side="right")
         sums = np.array([len(error_mm), error_mm.sum(), (error_mm**2).sum()])
         unique, pixels = np.unique(pairs, axis=1, return_counts=True)
@@ -134,8 +135,7 @@ def bland_altman(result: Result, counts: Counts | None = None) -> Picture:
     grids = [np.zeros((BINS, len(edges_mm) - 1)) for _ in shown]
     for grid, of in zip(grids, found, strict=True):
         for (depth, error), pixels in of.agreement.items():
-            if 0 <= error < BINS:
-                grid[error, (depth - low) // step] += pixels
+            grid[error, (depth - low) // step] += pixels
     norm = LogNorm(1, max(2, *(grid.max() for grid in grids)))
     for axis, method, grid, of in zip(axes, shown, grids, found, strict=False):
         axis.pcolormesh(edges_mm, SIGNED_MM, np.ma.masked_equal(grid, 0), norm=norm)
@@ -161,7 +161,7 @@ def bland_altman(result: Result, counts: Counts | None = None) -> Picture:
         f"Agreement of the depth maps with the reference, {AGAINST[reference]} (Bland–Altman): "
         "difference over mean of both depths, for the observed pixels of all captures. Lines, and "
         "numbers above: the bias ± 1.96 standard deviations. Differences are drawn linearly up to "
-        f"{LINEAR_MM:g} mm.",
+        f"{LINEAR_MM:g} mm; those beyond {LARGEST_MM:g} mm count, and are not drawn.",
         "Difference of map and reference over their mean, for each method.",
         figure,
     )

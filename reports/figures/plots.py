@@ -216,6 +216,10 @@ def risk_coverage(result: Result) -> Picture:
     )
 
 
+def _has_maps(result: Result) -> bool:
+    return bool(result.about.methods and drawn_references(result.scored()))
+
+
 def _first_frames(result: Result) -> pd.DataFrame:
     lines = errors_of_maps(result)
     return lines[lines.frame == 0]
@@ -229,9 +233,9 @@ KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[..., Picture]]] =
         "errors of several captures",
         error_of_captures,
     ),
-    "ecdf": (lambda r: bool(drawn_references(r.scored())), "error maps", error_distributions),
+    "ecdf": (_has_maps, "error maps", error_distributions),
     "coverage": (lambda r: bool(len(r.curves)), "risk–coverage curves", risk_coverage),
-    "bland-altman": (lambda r: bool(drawn_references(r.scored())), "error maps", bland_altman),
+    "bland-altman": (_has_maps, "error maps", bland_altman),
     "frames": (lambda r: bool(sequences(r)), "errors of several frames", error_over_frames),
     "speed": (lambda r: bool(len(r.motion)), "captures that move", errors_over_speed),
     "repeats": (lambda r: bool(r.repeats["repeat"].any()), "repeated frames", repeats),
