@@ -207,9 +207,11 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
     s (None if the file has none).
     grid: the pixels that the map must have. Depths and amplitudes become float32. Raises
     HandbenchError for a map that cannot be scored, as one on another grid or without any depth."""
-    maps = ("x_m", "y_m", "z_m", "amplitude_db")
-    content = read_npz(file, maps, optional=("seconds",))
-    given = DepthMap(*(content[name] for name in maps), method).checked(file)
+    content: dict[str, Any] = read_npz(
+        file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",)
+    )
+    seconds = content.pop("seconds", None)
+    given = DepthMap(**content, method=method).checked(file)
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
         found = content[name]
         if found.shape != expected.shape or not np.allclose(found, expected, rtol=0, atol=SAME_M):
@@ -231,7 +233,6 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float 
             f"{file}: z_m has a depth of {far_m:g} m; check that the unit is metres"
         )
     depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method).checked(file)
-    seconds = content.get("seconds")
     if seconds is None:
         return depth, None
     if seconds.shape != () or seconds.dtype.kind not in "fiu" or not 0 < seconds < np.inf:
