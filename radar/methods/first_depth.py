@@ -29,6 +29,7 @@ LEAST_COHERENCE = 0.5  # of the images of a target at two close tones; noise has
 STRONGEST = 200  # pixels that show the coherence
 BEGUN_M = 0.45  # depth of the plane by which the others are found, or nearer
 MOST_PLANES = 40  # that are compared
+AS_HIGH = 0.8  # of peaks of the profile that differ by less, 1 dB, the nearest one is taken
 AS_SHARP = 0.99  # of two planes with peaks that differ by less, the nearer one is taken
 
 Fsk = TypeVar("Fsk", bound=FskConfig)
@@ -61,8 +62,9 @@ def first_depth_m(capture: RadarCapture, config: FskConfig, frame: int = 0) -> f
 def _by_range_profile(
     capture: RadarCapture, config: FskConfig, frame: int, tones_hz: np.ndarray
 ) -> float | None:
-    """Depth of the highest peak of the echoes' power over depth. An echo's path is taken to lead
-    over the point straight before the middle of its two antennas."""
+    """Depth of the highest peak of the echoes' power over depth, or of the nearest that is nearly
+    as high: a few tones beside an even sweep hardly tell its periods apart. An echo's path is taken
+    to lead over the point straight before the middle of its two antennas."""
     samples, waves_hz = capture.tones(tones_hz, frame)
     index = np.flatnonzero(samples.any(axis=0).ravel())
     index = index[even_subset(len(index), PROFILED)]
@@ -81,7 +83,7 @@ def _by_range_profile(
     peaks = 1 + np.flatnonzero((inner >= power[:-2]) & (inner > power[2:]))
     if not len(peaks):
         return None
-    best = peaks[power[peaks].argmax()]
+    best = peaks[power[peaks] >= AS_HIGH * power[peaks].max()][0]
     if power[best] < np.median(power) * (1 + STANDS_OUT / np.sqrt(len(index))):
         return None
     return float(depths_m[best])

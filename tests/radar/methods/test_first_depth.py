@@ -12,6 +12,7 @@ from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import exact_capture
 
 SWEEP_HZ = np.linspace(72e9, 82e9, 64)
+BESIDE_HZ = np.r_[SWEEP_HZ, 81.8e9, 79.5e9]
 PIXELS = {axis: {"start_m": -0.03, "stop_m": 0.03, "step_m": 0.002} for axis in "xy"}
 
 
@@ -20,6 +21,7 @@ PIXELS = {axis: {"start_m": -0.03, "stop_m": 0.03, "step_m": 0.002} for axis in 
     [
         (SWEEP_HZ, 0.2, 0.015),  # a range cell; far less than tones leave open
         (SWEEP_HZ, 0.7, 0.015),
+        (BESIDE_HZ, 0.31, 0.015),  # the two tones hardly change the profile a period, 0.94 m, away
         (np.array([82e9, 81.8e9, 79.5e9]), 0.2, 1e-3),  # as far as the image's own focus
         (np.array([82e9, 81e9]), 0.3, 1e-3),  # 150 mm apart are depths with the same phase
         (np.array([82e9, 81e9]), 0.52, 1e-3),
