@@ -19,6 +19,14 @@ if TYPE_CHECKING:
 Values = dict[str, float | int | None]
 Terms = dict[str, Any]  # arrays of one shape, or numbers
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
+# of the radial velocity: mean error, bias, and the shares of the pixels that are within the map's
+# own interval and beyond its unambiguous velocity
+VELOCITY = VELOCITY_MAE, VELOCITY_BIAS, VELOCITY_WITHIN, VELOCITY_BEYOND = (
+    "velocity_mae_mm_s",
+    "velocity_bias_mm_s",
+    "velocity_within_percent",
+    "velocity_beyond_percent",
+)
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 BAND = 1.96  # standard deviations that contain 95 % of a normal error
 

@@ -12,10 +12,16 @@ from handbench.bench.evaluation.intervals import (
     median_interval,
     precision_interval,
 )
-from handbench.bench.evaluation.metrics import AVERAGED, METRICS, Values, mean_figures, precision
+from handbench.bench.evaluation.metrics import (
+    AVERAGED,
+    METRICS,
+    VELOCITY,
+    Values,
+    mean_figures,
+    precision,
+)
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
 from handbench.bench.evaluation.tables import TABLE, frame
-from handbench.bench.evaluation.velocity_errors import VELOCITY
 
 Intervals = dict[str, Interval | None]
 

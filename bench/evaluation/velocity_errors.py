@@ -2,16 +2,9 @@
 
 import numpy as np
 
-from handbench.bench.evaluation.metrics import BAND, Values
+from handbench.bench.evaluation.metrics import BAND, VELOCITY, Values
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
-
-VELOCITY = (
-    "velocity_mae_mm_s",
-    "velocity_bias_mm_s",
-    "velocity_within_percent",
-    "velocity_beyond_percent",
-)
 
 
 def velocity_figures(depth: DepthMap, scored: np.ndarray, reference: Reference) -> Values:

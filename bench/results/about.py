@@ -11,7 +11,7 @@ from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
-from handbench.bench.evaluation.metrics import METRICS, TITLES
+from handbench.bench.evaluation.metrics import METRICS, TITLES, VELOCITY_BEYOND, VELOCITY_MAE
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -20,10 +20,9 @@ from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 # of the surface: what is seen, and what is seen and right
 SHARES = ("observed_percent", "complete_2mm_percent")
 # read at a glance
-OF_VELOCITY = ("velocity_mae_mm_s", "velocity_beyond_percent")
 HEADLINES = (
     *(HEADLINE, "floor_mm", "max_mm", *SHARES, *EQUAL_METRICS, "precision_mm", "seconds"),
-    *OF_VELOCITY,
+    *(VELOCITY_MAE, VELOCITY_BEYOND),
 )
 # completed: by the truth, where photogrammetry has no surface
 REFERENCES = ("photogrammetry", "completed", "truth")

@@ -22,7 +22,7 @@ from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, taking_part, treated_figures
-from handbench.bench.evaluation.metrics import Values, pool
+from handbench.bench.evaluation.metrics import VELOCITY_BIAS, VELOCITY_MAE, Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.evaluation.treatments import SMOOTHING
@@ -40,7 +40,7 @@ from handbench.support.files import read_npz, write_npz
 SCORED, CURVES, REFERENCES = "scores.csv", "curves.npz", "references"
 NO_CURVE = np.full(len(SHARES_PERCENT), np.nan)
 OVER_FRAMES = ("mae_mm", "max_mm")
-OF_EACH_FRAME = (*OVER_FRAMES, "velocity_mae_mm_s", "velocity_bias_mm_s")
+OF_EACH_FRAME = (*OVER_FRAMES, VELOCITY_MAE, VELOCITY_BIAS)
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
 Line = tuple[str, str, str, str, int, str, float | int | None]  # of SCORES
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, pool
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, VELOCITY_MAE, pool
 from handbench.bench.evaluation.velocity_errors import velocity_figures
 from handbench.bench.pipeline.image import prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_surface
@@ -196,7 +196,7 @@ def figures(depth: DepthMap, reference: Reference) -> dict[str, float | None]:
     return {
         "error": values[HEADLINE],
         "seen_percent": values["observed_percent"],
-        "velocity_mae_mm_s": velocity.get("velocity_mae_mm_s"),
+        VELOCITY_MAE: velocity.get(VELOCITY_MAE),
         "velocity_limit_m_s": depth.velocity_limit_m_s,
     }
 

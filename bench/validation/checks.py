@@ -426,13 +426,15 @@ def flagged_share(depth: DepthMap) -> float | None:
 
 
 def on_target(depth: DepthMap) -> str:
-    """Return a text with the number of pixels of a depth map that have a depth, and the share of
-    them that is flagged."""
-    share = flagged_share(depth)
-    flagged = (
-        "" if share is None else f", {100 * share:.1f} % of them flagged (p_gross > {FLAGGED:g})"
-    )
-    return f"{np.count_nonzero(np.isfinite(depth.z_m))} pixels on target{flagged}"
+    """Return a text with the number of pixels of a depth map that have a depth, and the shares of
+    them that its method doubts and that are likelier wrong than right."""
+    seen, wrong = np.isfinite(depth.z_m), flagged_share(depth)
+    shares = []
+    if depth.wrapped is not None and seen.any():
+        shares.append(f"{100 * depth.wrapped[seen].mean():.1f} % of them in doubt (wrapped)")
+    if wrong is not None:
+        shares.append(f"{100 * wrong:.1f} % likelier wrong than right (p_gross > {FLAGGED:g})")
+    return ", ".join([f"{np.count_nonzero(seen)} pixels on target", *shares])
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:

@@ -7,9 +7,10 @@ from handbench.cli.options import free
 from handbench.support.errors import HandbenchError
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: argparse.Namespace) -> str | None:
     """Compare two result folders and print the differences, as tables or as JSON; with -o, also
-    write them into a folder."""
+    write them into a folder.
+    Returns a summary if files were written."""
     from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared
     from handbench.reports.tables.comparison import show, write
@@ -29,3 +30,7 @@ def run(options: argparse.Namespace) -> None:
         print(json.dumps(compared.content(), indent=2))
     else:
         show(compared)
+    if options.out is None:
+        return None
+    better = int((compared.differences.better != "").sum())
+    return f"{options.out}: {len(compared.differences)} figures compared, {better} shown to differ"

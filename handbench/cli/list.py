@@ -49,29 +49,25 @@ def _entries(section: str) -> Iterator[list[str]]:
     from handbench.support.code_hash import with_version
 
     known = methods()  # which loads the plug-ins, too
-    if section == "methods":
-        for method in known:
+    plugged = [method for method in known if method.distribution is not None]
+    if section in ("methods", "plugins"):
+        for method in known if section == "methods" else plugged:
             about = [f"source: {method.source}"]
-            about += (
-                [f"plug-in: {with_version(method.distribution)}"]
-                if method.distribution is not None
-                else []
-            )
-            about += [
-                f"{k} = {json.dumps(v)}" for k, v in method.config().model_dump(mode="json").items()
-            ]
+            if method.distribution is not None:
+                about.append(f"plug-in: {with_version(method.distribution)}")
+            defaults = method.config().model_dump(mode="json") if section == "methods" else {}
+            about += [f"{key} = {json.dumps(value)}" for key, value in defaults.items()]
             yield [f"{method.id:<18} {method.summary}", *(f"{'':<18} {line}" for line in about)]
+        if section == "plugins":
+            yield from ([f"{name}: {reason} (not loaded)"] for name, reason in BROKEN.items())
+            if not (plugged or BROKEN):
+                yield ["none is installed"]
     elif section == "effects":
         for name, facts in DECLARED.items():
             yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
     else:
         imported = ", ".join(declared_commands(COMMANDS)["import"]["options"]["dataset"]["choices"])
         lines = {
-            "plugins": [
-                *(f"{m.id}: by {with_version(m.distribution)}" for m in known if m.distribution),
-                *(f"{name}: {reason} (not loaded)" for name, reason in BROKEN.items()),
-            ]
-            or ["none is installed"],
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),
             "datasets": [

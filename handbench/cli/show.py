@@ -138,7 +138,7 @@ def _described(path: Path) -> tuple[Target | Board, str]:
 def _folder(path: Path) -> Figure:
     import matplotlib
 
-    from handbench.reports.figures import charts, depth_maps, fronts
+    from handbench.reports.figures import depth_maps, fronts, plots
     from handbench.reports.figures.style import STYLE
 
     pictures: Iterator[Picture] = iter(())
@@ -147,7 +147,7 @@ def _folder(path: Path) -> Figure:
     elif (path / "result.json").is_file():
         result = load(path)
         pictures = chain(
-            charts.overview(result), *(depth_maps.panels(result, c) for c in result.scored())
+            plots.overview(result), *(depth_maps.panels(result, c) for c in result.scored())
         )
     elif path.is_dir():
         return _recording(path)

@@ -21,7 +21,7 @@ OPTIONAL = {
 }
 LIMIT = "velocity_limit_m_s"
 LONGEST_M = 1e6  # in a depth map; lengths beyond are no metres, and in float32 soon infinite
-FLAGGED = 0.5  # p_gross above which a pixel counts as flagged
+FLAGGED = 0.5  # p_gross above which a pixel is likelier wrong than right
 
 
 @dataclass(frozen=True)

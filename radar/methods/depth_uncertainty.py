@@ -347,14 +347,19 @@ def with_p_gross(
     5 mm: NaN off target, 1 for depths behind the array.
 
     Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
-    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Maps of other sensors
-    are returned unchanged. config: configuration of the method that made the map.
+    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Where the method
+    itself flags a pixel (`wrapped`), p_gross is at least the probability from which it does so.
+    Maps of other sensors are returned unchanged. config: configuration of the method that made the
+    map.
     """
     if depth.method in capture.sensors:
         return depth
     index, found = features(depth, capture, config, frame)
     p_gross = np.where(np.isfinite(depth.z_m), 1.0, np.nan)
     p_gross.ravel()[index] = probability(found, weights_of(depth.method))
+    if depth.wrapped is not None:
+        flagged_from = getattr(config, "wrap_probability", 0.0)
+        p_gross[depth.wrapped] = np.maximum(p_gross[depth.wrapped], flagged_from)
     least_m = unresolved_m(capture, depth.z_m, frame)
     p_gross[least_m > GROSS_M] = np.maximum(p_gross[least_m > GROSS_M], 0.5)
     sigma_m = None if depth.sigma_m is None else np.fmax(depth.sigma_m, least_m)

@@ -8,34 +8,36 @@ from typing import Any, Literal
 
 import matplotlib
 import numpy as np
-from matplotlib import colormaps, rcParams
+from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from handbench.bench.results import (
-    HEADLINE,
-    CaptureFacts,
-    ErrorMap,
-    MethodFacts,
-    Result,
-    SurfaceMap,
-)
+from handbench.bench.results import CaptureFacts, ErrorMap, Result, SurfaceMap
 from handbench.reports.figures.layers import (
+    SIGNED,
     Box,
     Layer,
     box_of,
     depth_layer,
     depth_scale,
     error_layer,
+    mean_text,
 )
-from handbench.reports.figures.motion import errors_over_time
-from handbench.reports.figures.style import COLUMN_IN, STYLE, Picture, methods, narrow, time_text
-from handbench.reports.tables.blocks import AGAINST, DRAWN, floor_note
+from handbench.reports.figures.motion import error_over_frames, sequences
+from handbench.reports.figures.style import (
+    COLUMN_IN,
+    STYLE,
+    DrawnMethod,
+    Picture,
+    methods,
+    narrow,
+    time_text,
+)
+from handbench.reports.tables.blocks import AGAINST, drawn_references, floor_note
 
 X_LABEL, X_SHORT = (
     "x in mm, growing to the left (as seen from the array)",
@@ -45,11 +47,7 @@ X_LABEL, X_SHORT = (
 # the column leaves), the gap, the margins at the left and the right, the width of a colour bar.
 PAGE, COLUMN = (6, 1.9, 0.14, 0.8, 0.75, 0.14), (4, 0.0, 0.05, 0.48, 0.74, 0.08)
 LINE_IN, BOTTOM_IN = 0.155, 0.45  # of a title's line, and below the lowest panels
-SIGNED = (
-    "red is behind the reference, blue in front, grey was not observed; the line is the "
-    "reference's outline. The "
-    "scale, the same for every capture, is linear within ±1 mm and logarithmic beyond."
-)
+COLOURS = f"{SIGNED}. Grey: not observed; line: outline of the reference."
 
 # maps of one colour scale, a photograph's pixels, or nothing
 Row = Sequence[Layer | np.ndarray | None]
@@ -58,14 +56,14 @@ Row = Sequence[Layer | np.ndarray | None]
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
     """Yield the pictures of one capture: the depth maps of all methods with their errors against
     the first reference surface, a picture of the errors for each further reference, and the errors
-    over time if there are several frames."""
+    over the frames if it is one of several captures with several frames."""
     if result.about.methods:
-        references = [reference for reference in DRAWN if reference in capture.references]
+        references = drawn_references([capture])
         yield depth_maps(result, capture, *references[:1])
         for reference in references[1:]:
             yield error_maps(result, capture, reference)
-        if (over_time := errors_over_time(result, capture)) is not None:
-            yield over_time
+        if len(names := sequences(result)) > 1 and capture.name in names:
+            yield error_over_frames(result, capture)
 
 
 def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Picture:
@@ -93,7 +91,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
                 "ground\ntruth" if narrow() else f"ground truth\n({name})", surfaces[0], norm
             )
         ]
-        against = f", below them their errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}"
+        against = f", below them their errors {AGAINST[reference]}; {COLOURS}{floor_note(result)}"
     names = ", ".join(_title_of(panel).replace("\n", " ") for panel in (*before, *maps))
     return Picture(
         f"depth_{capture.name}",
@@ -110,7 +108,8 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     shown, alt = _errors(result, capture, reference, timed=True)
     return Picture(
         f"error_{capture.name}__{reference}",
-        f"Capture {capture.name}: signed errors {AGAINST[reference]}; {SIGNED}{floor_note(result)}",
+        f"Capture {capture.name}: signed errors {AGAINST[reference]}; {COLOURS}"
+        f"{floor_note(result)}",
         alt,
         sheet([shown], box_of([result.surface(capture.name, reference)])),
     )
@@ -145,31 +144,20 @@ def _errors(
     shown, words = [], []
     for m in methods(result):
         errors = result.errors(capture.name, m.name, reference)
-        mean = mean_text(result, errors.error_m)
+        mean = mean_text(errors.error_m)
         words.append(f"{m.title}: {mean}")
-        mean = mean.removeprefix(f"{result.title(HEADLINE)} ") if narrow() else mean
+        mean = mean.removeprefix("MAE ") if narrow() else mean
         shown.append(error_layer(errors, _title(result, m, mean) if timed else mean))
     return shown, f"Error maps of capture {capture.name} {AGAINST[reference]}. {'; '.join(words)}."
 
 
-def _title(result: Result, method: MethodFacts, mean: str = "") -> str:
+def _title(result: Result, method: DrawnMethod, mean: str = "") -> str:
     """Return the title of a panel: the method's name, its mean error if given, and its time per
     frame."""
     time = time_text(result, method)
     if narrow():
         return "\n".join(filter(None, (fill(method.title, 11), mean, time)))
     return f"{method.title}\n{mean}, {time}" if mean else f"{method.title}\n{time} per frame"
-
-
-def mean_text(result: Result, error_m: np.ndarray) -> str:
-    """Return the mean of |error| over the observed pixels as text, such as "MAE 1.23 mm".
-    error_m [ny, nx]: signed errors in metres, NaN where unobserved."""
-    seen = error_m[np.isfinite(error_m)]
-    return (
-        f"{result.title(HEADLINE)} {1e3 * np.abs(seen).mean():.2f} mm"
-        if len(seen)
-        else "nothing observed"
-    )
 
 
 def _title_of(panel: Layer | np.ndarray | None) -> str:
@@ -209,29 +197,13 @@ def sheet(rows: Sequence[Row], box: Box) -> Figure:
             _draw(axis, panel, box)
         _number(axes[-1][0], "y", box)
         axes[-1][0].set_ylabel("y in mm", labelpad=1)
-        _bar(
-            figure,
-            next(panel for panel in turn if isinstance(panel, Layer)),
-            place(width - right, y, bar_wide),
-        )
+        coloured = next(panel for panel in turn if isinstance(panel, Layer))
+        coloured.draw_bar(place(width - right, y, bar_wide))
     for below in zip_longest(*axes):  # a photograph has no numbers
         _number(next(axis for axis in reversed(below) if axis), "x", box)
     middle = (lefts[0] + lefts[-1] + wide) / 2 / width
     figure.text(middle, 0.06 / height, X_SHORT if narrow() else X_LABEL, ha="center")
     return figure
-
-
-def _bar(figure: Figure, layer: Layer, axis: Axes) -> None:
-    """Draw the colour scale of a map on an axis. The ticks of a scale of signed errors have
-    signs."""
-    bar = figure.colorbar(
-        ScalarMappable(layer.norm, colormaps[layer.colours]), cax=axis, extend="both"
-    )
-    bar.set_label(layer.label, labelpad=1)
-    if layer.ticks:
-        ticks = layer.ticks[:: 2 if narrow() else 1]
-        bar.set_ticks(ticks, labels=[f"{t:+g}".replace("-", "−").replace("+0", "0") for t in ticks])
-        bar.minorticks_off()
 
 
 def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:

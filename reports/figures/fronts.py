@@ -9,24 +9,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter
-from matplotlib.typing import MarkerType
 
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
+from handbench.reports.figures.motion import over_speed
 from handbench.reports.figures.numbers import number_points
-from handbench.reports.figures.speeds import over_speed
 from handbench.reports.figures.style import (
     COLOURS,
     COLUMN_IN,
     INK,
+    DrawnMethod,
     Picture,
+    drawn_methods,
     log_axis,
-    method_styles,
     narrow,
     nth_style,
-    whiskers,
 )
-from handbench.reports.tables.blocks import figure as figure_text
-from handbench.reports.tables.blocks import is_known, number, three_digits
+from handbench.reports.tables.blocks import error_text, is_known, rounded, seconds_text
 
 LINE_IN = 0.165  # of a legend
 PARTS = {  # of a frame's time: name, colour, hatch
@@ -65,11 +63,14 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     shown = [s for s in settings if is_plottable(s)]
     best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
     # some settings have no method
-    styles = method_styles(filter(None, (s.method for s in shown))) | {"": nth_style(0)}
+    names = dict.fromkeys(s.method for s in shown)
+    methods = drawn_methods({name: name for name in names if name})
+    if "" in names:
+        methods[""] = DrawnMethod("", "setting", *nth_style(0))
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
-    names = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
-    rows = sum(name.count("\n") + 1 for name in names) / abreast + 1
-    rows += (len({s.method for s in shown}) + 2) / of_styles
+    lines = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
+    rows = sum(text.count("\n") + 1 for text in lines) / abreast + 1
+    rows += (len(names) + 2) / of_styles
     picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
     line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
@@ -77,23 +78,13 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         [s.seconds for s in line], [s.error for s in line], color=INK, linewidth=1.2, zorder=2
     )
     for s in shown:
-        colour, marker = styles[s.method]
         bold = (
             {"markersize": 6, "zorder": 3}
             if s.on_front
             else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
         )
-        bars = whiskers(s.error, s.low, s.high), whiskers(s.seconds, s.seconds_low, s.seconds_high)
-        axis.errorbar(
-            s.seconds,
-            s.error,
-            *bars,
-            color=colour,
-            marker=marker,
-            elinewidth=0.7,
-            linestyle="none",
-            **bold,
-        )
+        bounds = (s.seconds, s.seconds_low, s.seconds_high), (s.error, s.low, s.high)
+        methods[s.method].draw_point(axis, *bounds, elinewidth=0.7, linestyle="none", **bold)
     reference = next((s for s in settings if s.name == about.reference), None)
     if reference in shown:
         axis.plot(
@@ -105,13 +96,12 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
             markersize=12,
             zorder=4,
         )
-    for side in ("x", "y"):
-        log_axis(axis, side)
+    log_axis(axis, "x", "y")
     axis.margins(0.1)
     axis.set(xlabel="seconds", ylabel=f"{metric_words(about)} in {about.unit}")
     if reference and reference.seconds:
         _ratios(axis, reference.title, reference.seconds)
-    handles = _legend({s.method: styles[s.method] for s in shown}, reference in shown)
+    handles = _legend([methods[name] for name in names], reference in shown)
     plain = {
         "frameon": False,
         "fontsize": 8,
@@ -120,7 +110,7 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
         "handletextpad": 0.3,
     }
     picture.legend(handles=handles, loc="outside upper center", ncols=of_styles, **plain)
-    blank = [Line2D([], [], linestyle="none", label=name) for name in names]
+    blank = [Line2D([], [], linestyle="none", label=text) for text in lines]
     picture.legend(
         handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
     )
@@ -188,21 +178,12 @@ def _ratios(axis: Axes, title: str, seconds: float) -> None:
     above.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _legend(styles: dict[str, tuple[str, MarkerType]], reference: bool) -> list[Line2D]:
+def _legend(methods: list[DrawnMethod], reference: bool) -> list[Line2D]:
     """Return the entries of the legend: one for each method, one for the front and, if `reference`
-    is true, one for the square around the reference setting.
-    styles: method → colour and marker."""
+    is true, one for the square around the reference setting."""
     handles = [
-        Line2D(
-            [],
-            [],
-            color=colour,
-            marker=marker,
-            markersize=5,
-            linestyle="none",
-            label=name or "setting",
-        )
-        for name, (colour, marker) in styles.items()
+        Line2D([], [], color=m.colour, marker=m.marker, linestyle="none", label=m.title)
+        for m in methods
     ]
     handles.append(Line2D([], [], color=INK, marker=".", label="front"))
     if reference:
@@ -249,9 +230,7 @@ def time_split(about: Section, settings: tuple[Setting, ...]) -> Picture:
         )
         left += share
     for row, total in enumerate(seconds.sum(axis=1)):
-        frame.annotate(
-            f" {number(total, three_digits(total))} s", (100, row), va="center", fontsize=8
-        )
+        frame.annotate(f" {rounded(total)} s", (100, row), va="center", fontsize=8)
     plan.barh(rows, [s.plan_s or 0 for s in known], color="0.55")
     plan.set_xlabel("plan in s" if narrow() else "plan in seconds")
     frame.set_yticks(range(len(known)), names, fontsize=8)
@@ -276,16 +255,4 @@ def _parts_in_words(setting: Setting) -> list[str]:
         [*parts(setting), setting.plan_s],
         strict=True,
     )
-    return [f"{name} {number(value, three_digits(value))} s" for name, value in values if value]
-
-
-def error_text(s: Setting) -> str:
-    """Format the error of a setting, followed by its 95 % interval in brackets, without the
-    unit."""
-    return figure_text(s.error, s.low, s.high, s.unit)
-
-
-def seconds_text(s: Setting) -> str:
-    """Format the time of a setting in seconds, followed by its range over the repeats in
-    brackets."""
-    return figure_text(s.seconds, s.seconds_low, s.seconds_high, "s")
+    return [f"{name} {rounded(value)} s" for name, value in values if value]

@@ -10,15 +10,19 @@ import matplotlib
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.ticker import MaxNLocator
 
 from handbench.bench.results import ErrorMap, SurfaceMap
-from handbench.reports.figures.style import STYLE
+from handbench.reports.figures.style import STYLE, narrow
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
+SIGNED = (  # what the colours of an error map mean
+    "red is behind the reference, blue in front; the scale is linear within ±1 mm, and logarithmic "
+    "from there to ±50 mm"
+)
 ERROR_TICKS_MM = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
 SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 # of the eye's axes: from the upper left, a little before the surface
@@ -80,21 +84,31 @@ class Layer:
         (low, high), (bottom, top) = edges(self.x_mm), edges(self.y_mm)
         return self.box or (high, low, bottom, top)
 
-    def draw(self, axis: Axes) -> AxesImage:
-        """Draw the map on an axis, pixel by pixel, with the outline if there is one. Returns
-        matplotlib's image, from which a colour bar can be made."""
+    def draw(self, axis: Axes) -> None:
+        """Draw the map on an axis, pixel by pixel, with the outline if there is one."""
         axis.set_facecolor(EMPTY)
         colours = colormaps[self.colours].with_extremes(bad=EMPTY) if self.colours else None
         shown = np.ma.masked_invalid(self.values) if colours else self.values
         extent = (*edges(self.x_mm), *edges(self.y_mm))
-        image = axis.imshow(
+        axis.imshow(
             shown, colours, self.norm, interpolation="nearest", origin="lower", extent=extent
         )
         if self.outline is not None and self.outline.any() and not self.outline.all():
             axis.contour(
                 self.x_mm, self.y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4
             )
-        return image
+
+    def draw_bar(self, axis: Axes) -> None:
+        """Draw the colour scale on an axis. Ticks of a scale of signed values have signs."""
+        scale = ScalarMappable(self.norm, self.colours)
+        bar = axis.figure.colorbar(scale, cax=axis, extend="both")
+        bar.set_label(self.label, labelpad=1)
+        if self.ticks:
+            ticks = self.ticks[:: 2 if narrow() else 1]
+            form = "{:+g}" if ticks[0] < 0 else "{:g}"
+            labels = [form.format(tick).replace("-", "−").replace("+0", "0") for tick in ticks]
+            bar.set_ticks(ticks, labels=labels)
+            bar.minorticks_off()
 
 
 def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
@@ -117,7 +131,7 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
         for layer, (wide, high), right in zip(layers, sizes_in, rights_in, strict=True):
             y, box = 0.5 + (HIGH_IN - high) / 2, layer.shown_mm
             axis = figure.add_axes((x / width, y / height, wide / width, high / height))
-            image = layer.draw(axis)
+            layer.draw(axis)
             axis.set(
                 xlabel=layer.axes[0],
                 ylabel=layer.axes[1],
@@ -128,10 +142,7 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
             axis.xaxis.set_major_locator(MaxNLocator(2 if wide < 1.6 else 4))
             if layer.label:
                 place = ((x + wide + 0.07) / width, y / height, 0.11 / width, high / height)
-                bar = figure.colorbar(image, cax=figure.add_axes(place), label=layer.label)
-                if layer.ticks:
-                    bar.set_ticks(layer.ticks, labels=[f"{tick:g}" for tick in layer.ticks])
-                    bar.minorticks_off()
+                layer.draw_bar(figure.add_axes(place))
             x += wide + right + LEFT_IN
     return figure
 
@@ -214,11 +225,8 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
     """Return a panel of signed errors z − z_ref with the outline of the reference: red is behind
     the reference surface, blue in front of it. If `title` is None, the title is the mean absolute
     error."""
-    if title is None:
-        seen_mm = 1e3 * np.abs(errors.error_m[np.isfinite(errors.error_m)])
-        title = f"mean |error| {seen_mm.mean():.2f} mm" if len(seen_mm) else "nothing observed"
     return Layer(
-        title,
+        mean_text(errors.error_m) if title is None else title,
         1e3 * errors.x_m,
         1e3 * errors.y_m,
         1e3 * errors.error_m,
@@ -229,6 +237,13 @@ def error_layer(errors: ErrorMap, title: str | None = None) -> Layer:
         box=box_of([SurfaceMap(errors.x_m, errors.y_m, errors.reference_z_m)]),
         ticks=ERROR_TICKS_MM,
     )
+
+
+def mean_text(error_m: np.ndarray) -> str:
+    """Return the mean of |error| over the observed pixels as text, such as "MAE 1.23 mm".
+    error_m [ny, nx]: signed errors in metres, NaN where unobserved."""
+    seen = error_m[np.isfinite(error_m)]
+    return f"MAE {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
 def volume_layers(

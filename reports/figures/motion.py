@@ -1,15 +1,39 @@
-"""Figures of moving scenes: error over speed, and error over the time of the frames."""
+"""Figures of moving scenes: error over speed, of a result and of a trade-off, and error over the
+frames."""
 
+from collections import defaultdict
+
+import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.results import HEADLINE, CaptureFacts, Result
+from handbench.bench.results import (
+    HEADLINE,
+    VELOCITY_BEYOND,
+    VELOCITY_MAE,
+    CaptureFacts,
+    Result,
+    Section,
+    Setting,
+    best_at_each_speed,
+)
 from handbench.bench.results.derived import START
-from handbench.reports.figures.style import Picture, draw, log_axis, methods, name_all, width_in
-from handbench.reports.tables.blocks import AGAINST
-from handbench.reports.tables.motion_table import BEYOND, VELOCITY
+from handbench.reports.figures.style import (
+    COLUMN_IN,
+    Picture,
+    drawn_methods,
+    log_axis,
+    methods,
+    name_all,
+    narrow,
+    side_by_side,
+    width_in,
+)
+from handbench.reports.tables.blocks import AGAINST, DRAWN
 
 FEWEST = 3  # captures that a line connects
 LINEAR_MM_S = 10.0  # of speeds, up to which their scale is linear
+REST = 2.5  # the slowest speed over that at which a target at rest is drawn, on an axis without 0
 
 
 def errors_over_speed(result: Result) -> Picture:
@@ -17,7 +41,7 @@ def errors_over_speed(result: Result) -> Picture:
     the mean radial speed of the surface: a marker for each capture, with a ring if the true speed
     is beyond the method's unambiguous velocity. Lines connect captures of one pose and step
     time."""
-    shown = [m for m in (HEADLINE, VELOCITY) if result.motion[m].notna().any()]
+    shown = [m for m in (HEADLINE, VELOCITY_MAE) if result.motion[m].notna().any()]
     figure = Figure(figsize=(width_in(5.4), 0.6 + 2.3 * len(shown)), layout="constrained")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     poses = {capture.name: capture.pose for capture in result.about.captures}
@@ -27,8 +51,8 @@ def errors_over_speed(result: Result) -> Picture:
             own = found[(found.method == method.name) & found[metric].notna()]
             for _, series in own.groupby(["pose", "step_time_s"], dropna=False):
                 line = "-" if len(series) >= FEWEST else "none"
-                draw(result, axis, method, series.speed_mm_s, series[metric], linestyle=line)
-            marked = own[own[BEYOND] > 0]
+                method.draw(axis, series.speed_mm_s, series[metric], linestyle=line)
+            marked = own[own[VELOCITY_BEYOND] > 0]
             ring = {"color": "0.5", "markersize": 9, "fillstyle": "none"}
             axis.plot(marked.speed_mm_s, marked[metric], "o", **ring)
         log_axis(axis, "y")
@@ -37,8 +61,7 @@ def errors_over_speed(result: Result) -> Picture:
     axes[-1].set_xlim(-0.2 * LINEAR_MM_S, 1.5 * max(found.speed_mm_s.max(), LINEAR_MM_S))
     axes[-1].xaxis.set_major_formatter("{x:g}")
     axes[-1].set_xlabel("mean radial speed in mm/s")
-    named = dict(zip(*axes[0].get_legend_handles_labels()[::-1], strict=True))
-    name_all(figure, named.values(), named)
+    name_all(figure)
     return Picture(
         "error_over_speed",
         "Error over speed: mean absolute error of depth and of radial velocity over the mean "
@@ -50,30 +73,93 @@ def errors_over_speed(result: Result) -> Picture:
     )
 
 
-def errors_over_time(result: Result, capture: CaptureFacts) -> Picture | None:
-    """Plot the mean absolute error of each method over the time of a capture's frames; None if it
-    has one frame, or frames without times."""
-    lines = result.scores[result.scores.metric.isin([START, HEADLINE])]
-    lines = lines[(lines.capture == capture.name) & (lines.treatment == "")]
-    keys = ["reference", "method", "frame"]
-    frames = lines.pivot(index=keys, columns="metric", values="value")
-    scores = frames.reindex(columns=[START, HEADLINE]).dropna().reset_index()
-    lengths = scores.groupby("reference").frame.nunique()
-    reference = next((r for r in AGAINST if lengths.get(r, 0) > 1), None)
-    if reference is None:
-        return None
-    figure = Figure(figsize=(width_in(5.4), 2.8), layout="constrained")
-    axis = figure.subplots()
-    for method in methods(result):
-        own = scores[(scores.reference == reference) & (scores.method == method.name)]
-        draw(result, axis, method, own[START], own[HEADLINE])
-    log_axis(axis, "y")
-    axis.set(xlabel="start of the frame in s", ylabel=f"{result.title(HEADLINE)} in mm")
-    name_all(figure, *axis.get_legend_handles_labels())
+def errors_of_maps(result: Result) -> pd.DataFrame:
+    """Return the lines of the table of scores with the mean absolute errors in mm of all methods
+    with their own settings, against the references of pictures."""
+    scores = result.scores
+    own = (scores.metric == HEADLINE) & (scores.treatment == "") & scores.value.notna()
+    return scores[own & scores.reference.isin(DRAWN)]
+
+
+def sequences(result: Result) -> list[str]:
+    """Return the names of the captures that have errors of several frames."""
+    lines = errors_of_maps(result)
+    return lines.capture[lines.frame > 0].unique().tolist()
+
+
+def error_over_frames(result: Result, capture: CaptureFacts | None = None) -> Picture:
+    """Plot the mean absolute error of each method over the frames of one capture, or of all that
+    have several: thin lines for these captures, and points for their mean. There is one panel for
+    each reference; the x axis is in seconds if the captures start their frames at the same known
+    times."""
+    names = [capture.name] if capture else sequences(result)
+    lines, starts = errors_of_maps(result), result.scores[result.scores.metric == START]
+    lines, starts = (of[of.capture.isin(names)] for of in (lines, starts))
+    known = starts.groupby("frame").value
+    timed = known.ngroups == lines.frame.nunique() and (known.nunique() == 1).all()
+    figure, axes = side_by_side({r: AGAINST[r] for r in DRAWN if (lines.reference == r).any()})
+    for reference, axis in axes.items():
+        for method in methods(result):
+            mine = lines[(lines.method == method.name) & (lines.reference == reference)]
+            maes_mm = mine.pivot(index="frame", columns="capture", values="value")
+            x = known.first().reindex(maes_mm.index) if timed else maes_mm.index
+            every = max(len(x) // 10, 1)
+            method.draw(axis, x, maes_mm.mean(axis=1), markevery=every, linewidth=1.2)
+            if len(names) > 1:
+                axis.plot(x, maes_mm, color=method.colour, linewidth=0.5, alpha=0.5)
+        log_axis(axis, "y")
+        axis.set(xlabel="start of the frame in s" if timed else "frame")
+        axis.set_ylabel(f"{result.title(HEADLINE)} in mm")
+        if not timed:
+            axis.xaxis.get_major_locator().set_params(integer=True)
+    name_all(figure)
+    points = f"points are the mean over {len(names)} captures, thin lines the captures"
     return Picture(
-        f"over_time_{capture.name}",
-        f"Capture {capture.name}: mean absolute error of each frame {AGAINST[reference]}, over the "
-        "time at which the frame starts.",
-        f"Mean absolute error of each method over {lengths[reference]} frames of {capture.name}.",
+        f"frames_{capture.name}" if capture else "error_frames",
+        "Mean absolute error over the frames"
+        + (f": {points}." if len(names) > 1 else f" of capture {names[0]}."),
+        f"Mean absolute error of each method in {lines.frame.nunique()} frames.",
+        figure,
+    )
+
+
+def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
+    """Plot the error of each method over the speed of the target, for a trade-off.
+    A point is the method's most accurate setting at that speed; it is hollow if the speed exceeds
+    the setting's largest unambiguous velocity. Large points are the most accurate of all."""
+    by_method: dict[str, list[Setting]] = defaultdict(list)
+    for s in settings:
+        if s.error:
+            by_method[s.method].append(s)
+    best = best_at_each_speed(s for some in by_method.values() for s in some)
+    speeds = [s.speed_m_s or 0.0 for s in best]
+    rest = min((v for v in speeds if v > 0), default=1.0) / REST
+    figure = Figure(figsize=(COLUMN_IN, 3.4) if narrow() else (7.5, 4), layout="constrained")
+    axis = figure.subplots()
+    for method in drawn_methods({name: name for name in by_method}).values():
+        own = best_at_each_speed(by_method[method.name])
+        line = "-" if any(s.velocity_limit_m_s for s in by_method[method.name]) else "--"
+        inside = [i for i, s in enumerate(own) if not s.beyond_limit]
+        x, y = [s.speed_m_s or rest for s in own], [s.error for s in own]
+        method.draw(axis, x, y, linewidth=1.2, linestyle=line, markevery=inside)
+        for at, error, s in zip(x, y, own, strict=True):
+            if s in best or s.beyond_limit:
+                size = {"markersize": 8 if s in best else 4, "label": None}
+                method.draw(axis, at, error, fillstyle="none" if s.beyond_limit else "full", **size)
+    log_axis(axis, "x", "y")
+    axis.minorticks_off()
+    axis.set_xticks([v or rest for v in speeds], [f"{v:g}" for v in speeds])
+    axis.set(xlabel="speed of the hand in m/s", ylabel=f"MAE in {about.unit}")
+    name_all(figure)
+    listed = "; ".join(f"{s.title}: {np.round(s.error or 0, 2):g} {about.unit}" for s in best)
+    return Picture(
+        f"speed_{about.name}",
+        f"{about.title}: MAE over the speed of the hand, of each method's most accurate tones and "
+        "step time at that speed; solid lines: methods that measure velocities. "
+        "Large points: the most accurate of all methods. Hollow points: "
+        "the speed exceeds the largest unambiguous velocity. Both axes are logarithmic; a hand at "
+        "rest is at the left end.",
+        f"MAE over the speed of {len(by_method)} methods. The most accurate setting at each "
+        f"speed: {listed}.",
         figure,
     )

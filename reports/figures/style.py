@@ -2,7 +2,7 @@
 and image files."""
 
 import io
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -10,13 +10,14 @@ from typing import Any, Literal
 import matplotlib
 import numpy as np
 from matplotlib import rcParams
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import Locator, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
 from numpy.typing import ArrayLike
 
-from handbench.bench.results import MethodFacts, Result
+from handbench.bench.results import Result
 from handbench.reports.tables.blocks import is_known
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path
@@ -91,6 +92,9 @@ class Picture:
     figure: Figure
 
 
+Bounded = tuple[float, float | None, float | None]  # a value, and the ends of its interval
+
+
 def narrow() -> bool:
     """Tell whether pictures are being drawn for one column of a paper, with the style COLUMN."""
     return rcParams["figure.figsize"][0] == COLUMN_IN
@@ -102,19 +106,49 @@ def width_in(page_in: float, columns: int = 1) -> float:
     return columns * COLUMN_IN if narrow() else page_in
 
 
-def methods(result: Result) -> list[MethodFacts]:
+@dataclass(frozen=True)
+class DrawnMethod:
+    """A method as pictures show it: id, title, and its colour and marker, the same everywhere."""
+
+    name: str
+    title: str
+    colour: str
+    marker: MarkerType
+
+    def draw(self, axis: Axes, x: ArrayLike, y: ArrayLike, **style: Any) -> None:
+        """Draw a line through points x, y [n] on an axis, and add a grid.
+        style: further arguments of matplotlib's `plot`."""
+        axis.plot(x, y, **self._style | style)
+        axis.grid(alpha=0.25, linewidth=0.4)
+
+    def draw_point(self, axis: Axes, x: Bounded, y: Bounded, **style: Any) -> None:
+        """Draw a point with its intervals on an axis.
+        style: further arguments of matplotlib's `errorbar`."""
+        axis.errorbar(x[0], y[0], whiskers(*y), whiskers(*x), **self._style | style)
+
+    @property
+    def _style(self) -> dict[str, Any]:
+        looks = {"color": self.colour, "marker": self.marker, "markersize": 4}
+        return looks | {"label": self.title}
+
+
+def drawn_methods(titles: Mapping[str, str]) -> dict[str, DrawnMethod]:
+    """Choose colour and marker of each method: method → how it is drawn.
+    They are the same in all pictures for the methods that handbench knows (ORDER); other methods
+    get the next free ones, in order of appearance. titles: method → title."""
+    places = list(dict.fromkeys((*ORDER, *titles)))
+    return {
+        name: DrawnMethod(name, title, *nth_style(places.index(name)))
+        for name, title in titles.items()
+    }
+
+
+def methods(result: Result) -> list[DrawnMethod]:
     """Return the methods of a result in the order in which pictures show them: first the known ones
     in a fixed order (ORDER), then the others."""
-    rank = {name: i for i, name in enumerate(ORDER)}
-    return sorted(result.about.methods, key=lambda method: rank.get(method.name, len(rank)))
-
-
-def method_styles(names: Iterable[str]) -> dict[str, tuple[str, MarkerType]]:
-    """Choose colour and marker of each method: method → (colour, marker).
-    They are the same in all pictures for the methods that handbench knows (ORDER); other methods
-    get the next free ones, in order of appearance."""
-    places = dict.fromkeys((*ORDER, *names))
-    return {name: nth_style(i) for i, name in enumerate(places)}
+    drawn = drawn_methods({method.name: method.title for method in result.about.methods})
+    known = [drawn[name] for name in ORDER if name in drawn]
+    return [*known, *(method for name, method in drawn.items() if name not in ORDER)]
 
 
 def nth_style(i: int) -> tuple[str, MarkerType]:
@@ -122,32 +156,30 @@ def nth_style(i: int) -> tuple[str, MarkerType]:
     return COLOURS[i % len(COLOURS)], MARKERS[(i + i // len(COLOURS)) % len(MARKERS)]
 
 
-def draw(
-    result: Result, axis: Axes, method: MethodFacts, x: ArrayLike, y: ArrayLike, **style: Any
-) -> None:
-    """Draw a line through points x, y [n] on an axis in the colour of a method, with its marker and
-    title, and add a grid.
-    style: further arguments of matplotlib's `plot`."""
-    colour, marker = method_styles(m.name for m in methods(result))[method.name]
-    axis.plot(x, y, color=colour, marker=marker, markersize=4, label=method.title, **style)
-    axis.grid(alpha=0.25, linewidth=0.4)
+def side_by_side(titles: Mapping[str, str], wide_in: float = 3.6) -> tuple[Figure, dict[str, Axes]]:
+    """Return a figure with an axis for each title, and these axes by the titles' keys, with room
+    for a legend. The axes are in a row on an HTML page, and one below the other in a column of a
+    paper.
+    titles: key → title of the axis; wide_in: width of one axis on a page, inches."""
+    count = len(titles)
+    size_in = (COLUMN_IN, 0.8 + 1.7 * count) if narrow() else (wide_in * count + 1.6, 3.2)
+    figure = Figure(figsize=size_in, layout="constrained")
+    shape = (count, 1) if narrow() else (1, count)
+    axes = figure.subplots(*shape, sharex=True, sharey=True, squeeze=False).ravel()
+    for axis, title in zip(axes, titles.values(), strict=True):
+        axis.set_title(title)
+    return figure, dict(zip(titles, axes, strict=True))
 
 
-def side_by_side(columns: int, wide_in: float = 3.6) -> tuple[Figure, np.ndarray]:
-    """Return a figure and its axes [columns], with room for a legend. The axes are in a row on an
-    HTML page, and one below the other in a column of a paper.
-    wide_in: width of one axis on a page, inches."""
-    if narrow():
-        figure = Figure(figsize=(COLUMN_IN, 0.8 + 1.7 * columns), layout="constrained")
-        return figure, figure.subplots(columns, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    figure = Figure(figsize=(wide_in * columns + 1.6, 3.2), layout="constrained")
-    return figure, figure.subplots(1, columns, sharex=True, sharey=True, squeeze=False)[0]
-
-
-def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> None:
+def name_all(figure: Figure, **more: Artist) -> None:
     """Add one legend for all axes to a figure, at their right or, in a column of a paper, below
-    them. Only outer axes keep their labels.
-    handles, names: arguments of matplotlib's `legend`."""
+    them, in which each name is once. Only outer axes keep their labels.
+    more: further entries, name → what has it."""
+    named: dict[str, Any] = {}
+    for axis in figure.axes:
+        for handle, name in zip(*axis.get_legend_handles_labels(), strict=True):
+            named.setdefault(name, handle)
+    named |= more
     place: dict[str, Any] = {"loc": "outside right center"}
     if narrow():
         place = {
@@ -156,12 +188,12 @@ def name_all(figure: Figure, handles: Iterable[Any], names: Iterable[str]) -> No
             "columnspacing": 1,
             "handletextpad": 0.4,
         }
-    figure.legend(list(handles), list(names), frameon=False, fontsize="medium", **place)
+    figure.legend(named.values(), named, frameon=False, fontsize="medium", **place)
     for axis in figure.axes:
         axis.label_outer()
 
 
-def time_text(result: Result, method: MethodFacts) -> str:
+def time_text(result: Result, method: DrawnMethod) -> str:
     """Return a method's time per frame as text for a title, such as "0.52 s"; "time unknown" if
     there is none."""
     time = result.time(method.name)
@@ -194,14 +226,20 @@ class FewTicks(Locator):
         return list(MaxNLocator(4).tick_values(low, high))
 
 
-def log_axis(axis: Axes, side: Literal["x", "y"]) -> None:
-    """Make one axis of a chart logarithmic, with at least three numbers (FewTicks)."""
-    axis.set(**{f"{side}scale": "log"})
-    ticks = axis.xaxis if side == "x" else axis.yaxis
-    ticks.set_major_locator(FewTicks())
-    ticks.set_major_formatter("{x:g}")
-    ticks.set_minor_formatter(NullFormatter())
-    axis.grid(axis=side, alpha=0.25, linewidth=0.4)
+def log_axis(axis: Axes, *sides: Literal["x", "y"]) -> None:
+    """Make one or both axes of a chart logarithmic, with at least three numbers (FewTicks)."""
+    for side in sides:
+        axis.set(**{f"{side}scale": "log"})
+        ticks = axis.xaxis if side == "x" else axis.yaxis
+        ticks.set_major_locator(FewTicks())
+        ticks.set_major_formatter("{x:g}")
+        ticks.set_minor_formatter(NullFormatter())
+        axis.grid(axis=side, alpha=0.25, linewidth=0.4)
+
+
+def name_ticks(axis: Axes, names: Sequence[str]) -> None:
+    """Put a slanted name at each whole number of a chart's x axis, from 0 on."""
+    axis.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
 
 
 def save(figure: Figure, file: str | Path) -> None:

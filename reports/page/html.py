@@ -9,16 +9,17 @@ from typing import Any
 from urllib.parse import quote
 
 from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
-from handbench.reports.figures import charts
+from handbench.reports.figures import plots
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film
+from handbench.reports.figures.layers import SIGNED
+from handbench.reports.figures.pixel_errors import Counts, error_counts, total_counts
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering, scene3d, sections, summary, tradeoff_section
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import blocks, caption
 from handbench.reports.tables.motion_table import motion_csv
-from handbench.reports.tables.result_tables import findings
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
@@ -27,7 +28,7 @@ from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 SECTIONS = (
-    *("verdicts", "motion", "effects", "uncertainty"),
+    *("verdicts", "findings", "motion", "effects", "uncertainty"),
     *("provenance", "command", "settings", "captures"),
 )
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first
@@ -105,8 +106,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "pages",
         len(parts),
     )
-    counts = charts.total_counts([charts.error_counts(result, groups[0]), *further])
-    overview = rendering.images(lambda: charts.overview(result, counts), out / "figures")
+    counts = total_counts([error_counts(result, groups[0]), *further])
+    overview = rendering.images(lambda: plots.overview(result, counts), out / "figures")
     write_text(
         out / "index.html",
         render(
@@ -119,7 +120,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     return out / "index.html"
 
 
-def _drawn(page: Callable[[int], charts.Counts], numbers: Sequence[int]) -> Iterator[charts.Counts]:
+def _drawn(page: Callable[[int], Counts], numbers: Sequence[int]) -> Iterator[Counts]:
     """Write the pages with the given numbers, and yield the pixel counts that `page` returns for
     each.
     The pages are written by as many processes as there are cores, because matplotlib must not be
@@ -137,7 +138,7 @@ _loaded = cache(load)  # a process draws many pages of one result
 
 def further_page(
     folder: Path, out: Path, groups: Sequence[Sequence[CaptureFacts]], part: int
-) -> charts.Counts:
+) -> Counts:
     """Write one further page of a report, with the captures groups[part] of the result in `folder`,
     and pictures as PNG only.
     Returns the numbers of pixels by size of error of these captures, for the chart of the error
@@ -146,7 +147,7 @@ def further_page(
     facts = _captures(result, groups[part], out / "figures", paper=False)
     facts |= {"parts": parts, "part": part, "groups": groups}
     write_text(out / parts[part - 1], render("captures.html", about=result.about, **facts))
-    return charts.error_counts(result, groups[part])
+    return error_counts(result, groups[part])
 
 
 def page_names(groups: Sequence[Sequence[CaptureFacts]]) -> list[str]:
@@ -171,12 +172,7 @@ def _summary(
     overview: charts of the whole result; swept: section of the trade-off; causes: section of the
     errors by cause."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
-    parts |= {
-        "about": result.about,
-        "config": result.config,
-        "caption": caption(result),
-        "findings": findings(result),
-    }
+    parts |= {"about": result.about, "config": result.config, "caption": caption(result)}
     parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
     parts |= {"leads": summary.leads(result), "main": summary.main_table(result)}
     parts |= {"front": summary.front(result), "hardest": summary.hardest(result)}
@@ -197,10 +193,9 @@ def _captures(
         scene, still = scene3d.scene(result, capture), None
         if scene:
             scenes.append(scene)
-            alt = (
-                f"Capture {capture.name} seen from the array, lit from the upper left; colours are "
-                f"the errors of {titles.get(shown or '', '')}."
-            )
+            alt = f"Capture {capture.name} seen from the array, lit from the upper left."
+            if shown and capture.references:
+                alt += f" Colours: the errors of {titles[shown]}; {SIGNED}."
             seen = scene3d.still(result, capture, shown)
             still = rendering.image(seen, alt, alt, shown=STILL_PX / seen.height)
         pictures = rendering.images(partial(panels, result, capture), folder, paper)

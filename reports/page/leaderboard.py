@@ -9,7 +9,7 @@ import pandas as pd
 from handbench.bench.results import RANKING, Result, each, write_table
 from handbench.reports.page import html, rendering
 from handbench.reports.page.sections import Grid
-from handbench.reports.tables.blocks import NONE, figure, number, three_digits
+from handbench.reports.tables.blocks import NONE, figure, number, rounded
 from handbench.reports.tables.result_tables import bold, escaped, table
 from handbench.support.files import write_text
 
@@ -56,8 +56,8 @@ def _cells(line: Any) -> tuple[str, ...]:
         line.method,
         line.result,
         figure(line.complete_2mm_percent, line.low, line.high, "%"),
-        number(line.mae_mm, three_digits(line.mae_mm)),
-        number(line.aurc_mm, three_digits(line.aurc_mm)),
+        rounded(line.mae_mm),
+        rounded(line.aurc_mm),
         number(line.aurc_to_percent, 1),
-        number(line.seconds, three_digits(line.seconds)),
+        rounded(line.seconds),
     )

@@ -11,10 +11,9 @@ from PIL import Image
 
 from handbench.bench.results import CaptureFacts, Result, SurfaceMap
 from handbench.reports.figures import layers
-from handbench.reports.figures.depth_maps import mean_text
 from handbench.reports.figures.style import methods
 from handbench.reports.page.rendering import image, render
-from handbench.reports.tables.blocks import AGAINST, DRAWN
+from handbench.reports.tables.blocks import AGAINST, drawn_references
 from handbench.support.errors import HandbenchError
 
 # of one surface at most: of a finer one every second, third, … row and column is shown
@@ -33,14 +32,14 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     """Return the content of the interactive 3-D view for one capture, as values for the page's
     script: the reference surfaces, and the depth maps of all methods with their errors. None if
     nothing was observed."""
-    references: list[str] = [reference for reference in DRAWN if reference in capture.references]
+    references = drawn_references([capture])
     parts: list[Part] = [
         (name, AGAINST[name], result.surface(capture.name, name), {}) for name in references
     ]
     for method in methods(result):
         errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
         error_maps: Errors = {
-            r: (error_m, f"{mean_text(result, error_m)} {AGAINST[r]}")
+            r: (error_m, f"{layers.mean_text(error_m)} {AGAINST[r]}")
             for r, error_m in errors.items()
         }
         parts.append(
@@ -177,7 +176,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
     It shows the capture's first reference surface (or, without one, the method's depth map) from
     the array and lit from the upper left. Pixels that the method observed have the colours of their
     errors."""
-    reference = next((r for r in DRAWN if r in capture.references), None)
+    reference = next(iter(drawn_references([capture])), None)
     source = reference or method
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)

@@ -9,7 +9,7 @@ from typing import Any
 from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.reports.figures.charts import CAUSES, bin_label, cause_charts
+from handbench.reports.figures.causes import CAUSES, bin_label, cause_charts
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering
 from handbench.reports.tables.blocks import (
@@ -19,10 +19,10 @@ from handbench.reports.tables.blocks import (
     figure,
     number,
     p_text,
-    three_digits,
+    rounded,
 )
 from handbench.reports.tables.motion_table import CAPTION, motion_table
-from handbench.reports.tables.result_tables import stages
+from handbench.reports.tables.result_tables import claims
 
 
 @dataclass(frozen=True)
@@ -48,14 +48,14 @@ class Grid:
         )
 
 
-def verdicts(result: Result) -> list[tuple[str, Grid]]:
+def verdicts(result: Result) -> tuple[Grid, list[Grid]]:
     """Return the results of the tests for each metric, reference surface and treatment that was
-    compared, as pairs: a sentence on the best method ("" if nothing was tested), and a table of all
+    compared: a table of the best methods with a row for each that was tested, and tables of all
     pairs of methods.
     (Treatment: depth maps with each method's own settings, or compared on common pixels, either all
     without smoothing or all with the same smoothing.)"""
     titles = {method.name: method.title for method in result.about.methods}
-    found = []
+    found, pairs = [], []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
         first = next(each(lines))
         metric, reference, treatment = first.metric, first.reference, first.treatment
@@ -65,28 +65,33 @@ def verdicts(result: Result) -> list[tuple[str, Grid]]:
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
         caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
-        table = Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows)
+        pairs.append(Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows))
         best = sorted(result.best(metric, reference, treatment), key=set(lines.worse).__contains__)
-        differ, sentence = int(shown(lines).sum()), ""
-        if best and not differ:
-            sentence = f"{heading}: no difference is shown between any two methods."
-        elif best:
-            equal = ", ".join(titles.get(name, name) for name in best[1:])
-            but = f", not shown to be better than {equal}" if equal else ""
-            sentence = (
-                f"{heading}: {titles.get(best[0], best[0])} has the best figure{but}; {differ} of "
-                f"{len(rows)} pairs differ."
-            )
-        found.append((sentence, table))
-    return found
+        if best:
+            first, *equal = (titles.get(name, name) for name in best)
+            differ = f"{int(shown(lines).sum())} of {len(rows)}"
+            found.append((heading, first, ", ".join(equal) or NONE, differ))
+    headings = ("figure", "best", "not shown to be better than", "pairs that differ")
+    return Grid("Best methods", headings, tuple(found), texts=3), pairs
+
+
+def findings(result: Result) -> Grid:
+    """Return a table of the main pairs of methods under equal treatment: which one is better, and
+    by how much."""
+    headings = ("methods", "MAE on the pixels that all see", "error over completeness")
+    rows = tuple(claim[:3] for claim in claims(result))
+    return Grid("Main pairs of methods, treated equally", headings, rows, texts=3)
 
 
 def stage_times(result: Result) -> Grid:
     """Return a table of the cost of each processing stage of each method: number of tasks, how many
     were reused from an earlier run, and medians of seconds, CPU seconds and peak memory."""
-    rows = tuple(
-        tuple(map(str, line)) for line in stages(result).itertuples(index=False, name=None)
-    )
+    titles = {method.name: method.title for method in result.about.methods} | {"": "every method"}
+    groups = result.tasks.groupby(["method", "stage"], sort=False)
+    medians = groups[["seconds", "cpu_seconds", "peak_memory_mb"]].median().map(rounded)
+    lines = groups.cached.agg(["size", "sum"]).join(medians).reset_index()
+    lines["method"] = lines.method.replace(titles)
+    rows = tuple(tuple(map(str, line)) for line in lines.itertuples(index=False, name=None))
     headings = (
         "method",
         "stage",
@@ -133,7 +138,7 @@ def motion(result: Result) -> Grid | None:
 
 def _largest(rows: list[dict[str, Any]], key: str) -> str:
     values = [row[key] for row in rows if isinstance(row.get(key), int | float)]
-    return number(max(values), three_digits(max(values))) if values else NONE
+    return rounded(max(values)) if values else NONE
 
 
 def uncertainty(result: Result) -> list[Grid]:
@@ -182,7 +187,7 @@ def uncertainty(result: Result) -> list[Grid]:
 
 
 def _mm(value: Any) -> str:
-    return number(value, three_digits(value)) if isinstance(value, int | float) else NONE
+    return rounded(value) if isinstance(value, int | float) else NONE
 
 
 def provenance(result: Result) -> list[tuple[str, Any]]:

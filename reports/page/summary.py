@@ -2,27 +2,35 @@
 and a small table of each capture."""
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import pandas as pd
 from markupsafe import Markup
 
-from handbench.bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
+from handbench.bench.results import (
+    HEADLINE,
+    REFERENCES,
+    VELOCITY_MAE,
+    CaptureFacts,
+    MethodFacts,
+    Result,
+)
 from handbench.bench.results.about import SHARES, TREATMENTS
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import (
     AGAINST,
-    DRAWN,
     NONE,
     decimals,
+    drawn_references,
     figure,
     interval,
     is_known,
     number,
     outstanding,
     paper,
-    three_digits,
+    rounded,
 )
 
 SMOOTHED = "window"  # the equal treatment in the main table
@@ -32,7 +40,7 @@ COLUMNS = {  # of the main table: (metric, treatment) → its title in few words
     (HEADLINE, SMOOTHED): "MAE on common pixels",
     (RIGHT, ""): "right within 2 mm",
     ("precision_mm", ""): "precision",
-    ("velocity_mae_mm_s", ""): "velocity error",
+    (VELOCITY_MAE, ""): "velocity error",
     ("seconds", ""): "time",
 }
 NOTES = {
@@ -56,10 +64,10 @@ class Cell:
 @dataclass(frozen=True)
 class MainTable:
     """The main figures of all methods against one reference: headings of the columns, and for each
-    method its title and cells."""
+    method its title, its tones and its cells."""
 
     headings: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    rows: tuple[tuple[str, str, tuple[Cell, ...]], ...]
     note: str
 
 
@@ -99,6 +107,7 @@ def main_table(result: Result) -> MainTable:
     rows = [
         (
             method.title,
+            tones_text(method),
             tuple(
                 _cell(result, lines, method.name, key, method.name in stars[key])
                 for key, lines in found.items()
@@ -114,6 +123,23 @@ def main_table(result: Result) -> MainTable:
             "test on the same captures, 5 % for all pairs together)."
         )
     return MainTable(tuple(headings), tuple(rows), text)
+
+
+def tones_text(method: MethodFacts) -> str:
+    """Return the tones of a method as text, such as "82, 79.5 GHz" or "128 tones, 72 to 82 GHz"; ""
+    if its settings name none. Settings of captures that differ are all named."""
+    texts = []
+    for config in method.config.values():
+        given = config.items() if isinstance(config, dict) else ()
+        named = [value for key, value in given if key.endswith("_hz")]
+        flat = [v for of in named for v in (of if isinstance(of, list) else [of])]
+        hz = [v for v in flat if isinstance(v, int | float)]
+        ghz = list(dict.fromkeys(f"{v / 1e9:g}" for v in sorted(hz, reverse=True)))
+        if ghz and "count" in config:
+            texts.append(f"{config['count']} tones, {ghz[-1]} to {ghz[0]} GHz")
+        elif ghz:
+            texts.append(f"{', '.join(ghz)} GHz")
+    return "; ".join(dict.fromkeys(texts))
 
 
 def _cell(
@@ -135,7 +161,11 @@ def _cell(
 def leads(result: Result) -> list[tuple[str, str]]:
     """Return the lines on top of a report, as pairs (heading, text): which method is best at what,
     and what limits the figures. Without figures there is none."""
-    lines = (("Best", _best(result)), ("Limits", _limits(result)))
+    lines = (
+        ("Best", _best(result)),
+        ("Limits", _limits(result)),
+        ("Paper", _order_of_paper(result)),
+    )
     return [(heading, text) for heading, text in lines if text]
 
 
@@ -194,10 +224,26 @@ def _limits(result: Result) -> str:
 
 
 def _range(values: pd.Series, unit: str) -> str:
-    low, high = (
-        number(v, 1 if unit == "%" else three_digits(v)) for v in (min(values), max(values))
-    )
+    low, high = (number(v, 1) if unit == "%" else rounded(v) for v in (min(values), max(values)))
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _order_of_paper(result: Result) -> str:
+    """Say whether the methods have the order of the paper by MAE; "" without two of its figures."""
+    found = columns(result).get((HEADLINE, ""), pd.DataFrame(columns=["value", "paper"]))
+    known = found[found.paper.notna()].sort_values("value")
+    if len(known) < 2:
+        return ""
+    titles = {method.name: method.title for method in result.about.methods}
+    reversed_ = [
+        f"{titles[a.Index]} before {titles[b.Index]} (here {a.value:.2f} and {b.value:.2f} mm, in "
+        f"the paper {paper(a.paper, 'mm')} and {paper(b.paper, 'mm')} mm)"
+        for a, b in combinations(known.itertuples(), 2)
+        if a.paper > b.paper
+    ]
+    if not reversed_:
+        return "the methods have the order of the paper by MAE."
+    return f"by MAE, the order is that of the paper but for {'; '.join(reversed_)}."
 
 
 def front(result: Result) -> list[str]:
@@ -225,13 +271,13 @@ def hardest(result: Result) -> tuple[str, str] | None:
     means = lines.groupby("capture").value.mean().dropna()
     if len(means) < 2:
         return None
-    return str(means.idxmax()), f"{number(means.max(), three_digits(means.max()))} mm"
+    return str(means.idxmax()), f"{rounded(means.max())} mm"
 
 
 def capture_grid(result: Result, capture: CaptureFacts) -> Grid | None:
     """Return the table of one capture: MAE, share that is right within 2 mm, share that is seen,
     of every method. None if it has no figures."""
-    reference = next((r for r in DRAWN if r in capture.references), "")
+    reference = next(iter(drawn_references([capture])), "")
     lines = _of_first_frame(result.scores)
     lines = lines[(lines.capture == capture.name) & (lines.reference == reference)]
     metrics = {HEADLINE: "MAE (mm)", RIGHT: "right within 2 mm (%)", SEEN: "seen (%)"}
@@ -254,4 +300,4 @@ def _of_first_frame(scores: pd.DataFrame) -> pd.DataFrame:
 
 def _score(values: pd.DataFrame, method: str, metric: Any) -> str:
     value = values[metric].get(method) if metric in values else None
-    return number(value, 1 if metric in SHARES else three_digits(value))
+    return number(value, 1) if metric in SHARES else rounded(value)

@@ -5,17 +5,18 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import Section, Setting, Tradeoff, load_tradeoff
-from handbench.reports.figures.fronts import (
-    error_text,
-    is_plottable,
-    metric_words,
-    pictures,
-    seconds_text,
-)
+from handbench.reports.figures.fronts import is_plottable, metric_words, pictures
 from handbench.reports.page import rendering
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables import latex, result_tables
-from handbench.reports.tables.blocks import NONE, is_known, number, three_digits
+from handbench.reports.tables.blocks import (
+    NONE,
+    error_text,
+    is_known,
+    number,
+    rounded,
+    seconds_text,
+)
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
@@ -79,7 +80,7 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             error_text(s),
             number(s.seen_percent, 2),
             seconds_text(s),
-            number(s.ratio, three_digits(s.ratio)),
+            rounded(s.ratio),
             f"{s.operations:.2g}" if is_known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
             *(velocity_text(s) for _ in velocity),

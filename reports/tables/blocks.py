@@ -2,13 +2,21 @@
 more lines for each metric. Markdown, LaTeX, terminal and HTML tables are made from these blocks."""
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeGuard
 
 import pandas as pd
 
-from handbench.bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
+from handbench.bench.results import (
+    HEADLINE,
+    HEADLINES,
+    REFERENCES,
+    CaptureFacts,
+    Result,
+    Section,
+    Setting,
+)
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 
@@ -127,6 +135,12 @@ def _block(result: Result, reference: str) -> Block:
     return Block(reference, heading, titles, tuple(lines))
 
 
+def drawn_references(captures: Iterable[CaptureFacts]) -> list[str]:
+    """Return the references that pictures show and against which one of the captures is scored."""
+    scored = {reference for capture in captures for reference in capture.references}
+    return [reference for reference in DRAWN if reference in scored]
+
+
 def beside_paper(result: Result) -> bool:
     """Tell whether a result has the paper's figures next to its own."""
     return bool(result.table.paper.notna().any())
@@ -204,6 +218,38 @@ def number(value: float | None, places: int) -> str:
     return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
+def rounded(value: float | None) -> str:
+    """Format a number with three significant digits; a missing number is a dash."""
+    return number(value, three_digits(value))
+
+
+def error_text(setting: Setting) -> str:
+    """Format the error of a trade-off's setting, with its 95 % interval, without the unit."""
+    return figure(setting.error, setting.low, setting.high, setting.unit)
+
+
+def seconds_text(setting: Setting) -> str:
+    """Format the time of a trade-off's setting in seconds, with its range over the repeats."""
+    return figure(setting.seconds, setting.seconds_low, setting.seconds_high, "s")
+
+
+def settings_table(
+    section: Section, settings: Iterable[Setting]
+) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Return headings and rows of a table of a trade-off's settings: title, error, the share of
+    the surface that is seen, if one is known, time, and its ratio to that of the reference."""
+    error = f"{section.metric} ({section.unit})"
+    heads = ["setting", error, "seen (%)", "time (s)", "× reference"]
+    rows = [
+        (s.title, error_text(s), number(s.seen_percent, 2), seconds_text(s), rounded(s.ratio))
+        for s in settings
+    ]
+    if {row[2] for row in rows} <= {NONE}:
+        del heads[2]
+        rows = [(*row[:2], *row[3:]) for row in rows]
+    return heads, rows
+
+
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
     """Return the number of decimals with which a figure and its interval [low, high] are printed.
     There are enough for two significant digits of half the interval's width, but at most three
@@ -239,8 +285,9 @@ def caption(result: Result) -> str:
     """Return the text below the tables of figures: which captures were averaged, what the brackets
     mean, and warnings on disturbed times and refined transforms."""
     scored, repeated, floor = result.scored(), result.repeated(), ""
+    names = named([capture.name for capture in scored])
     precision = (
-        f"precision over the repeats of {_named(repeated)}; "
+        f"precision over the repeats of {named([c.name for c in repeated])}; "
         if repeated not in ((), scored)
         else ""
     )
@@ -253,7 +300,7 @@ def caption(result: Result) -> str:
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
-        f"Each figure formed for each capture ({_named(scored)}) and then averaged, but for the "
+        f"Each figure formed for each capture ({names}) and then averaged, but for the "
         f"pooled ones; {precision}in brackets the 95 % confidence interval; {floor}"
         f"time per frame on the machine named in the result.{busy_note(result)}{warning}"
     )
@@ -281,8 +328,8 @@ def _titles(result: Result, names: Collection[str]) -> str:
     return ", ".join(method.title for method in result.about.methods if method.name in names)
 
 
-def _named(captures: Sequence[CaptureFacts]) -> str:
-    names = [capture.name for capture in captures]
+def named(names: Sequence[str]) -> str:
+    """Return names as a list, or if they are more than 12 (NAMED), their first, last and number."""
     return (
         ", ".join(names)
         if len(names) <= NAMED
@@ -310,9 +357,7 @@ def floor_note(result: Result) -> str:
     floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
     known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
     known = ", ".join(
-        f"{number(v, three_digits(v))} mm against {reference}"
-        for reference, v in known_floors
-        if v > 0
+        f"{rounded(v)} mm against {reference}" for reference, v in known_floors if v > 0
     )
     return (
         f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}."

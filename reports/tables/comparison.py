@@ -21,6 +21,7 @@ from handbench.reports.tables.result_tables import (
 from handbench.support.files import write_text
 
 CHANGES = 12  # of one kind are shown; compare.json has all
+SIDES = ("A", "B")
 Rows = list[tuple[str, ...]]
 NOTE = (
     "In brackets 95 % confidence intervals; p corrected for all tests (Holm); precisions by the "
@@ -91,9 +92,7 @@ def _rows(lines: pd.DataFrame) -> Rows:
     shown = [(mean, mean.title, place), *((c, "", c.capture) for c in captures if not alone)]
     rows: Rows = []
     for line, title, place in shown:
-        ends = ((line.a, line.a_low, line.a_high), (line.b, line.b_low, line.b_high))
-        cells = (*ends, (line.difference, line.low, line.high))
-        figures = (title, place, *(figure(*cell, line.unit) for cell in cells))
+        figures = (title, place, *_figures(line))
         if line.metric == "seconds":
             rows.append((*figures, number(line.b / line.a, 2)))
         elif line.capture:
@@ -101,6 +100,12 @@ def _rows(lines: pd.DataFrame) -> Rows:
         else:
             rows.append((*figures, _p(line), line.better, _needed(line)))
     return rows
+
+
+def _figures(line: Any) -> list[str]:
+    """Return the figures of A and B and their difference as text, each with its interval."""
+    ends = ((line.a, line.a_low, line.a_high), (line.b, line.b_low, line.b_high))
+    return [figure(*of, line.unit) for of in (*ends, (line.difference, line.low, line.high))]
 
 
 def _p(line: Any) -> str:
@@ -115,15 +120,12 @@ def tex(compared: Compared) -> str:
     for reference, lines in means.groupby("reference", sort=False):
         body = []
         for line in each(lines):
-            a = latex.num_figure(
-                line.a, line.a_low, line.a_high, line.unit, bold=line.better == "A"
-            )
-            b = latex.num_figure(
-                line.b, line.b_low, line.b_high, line.unit, bold=line.better == "B"
-            )
-            difference = latex.num_figure(line.difference, line.low, line.high, line.unit)
             names = latex.escaped(line.title), latex.title_with_unit(line.metric_title, line.unit)
-            body.append(latex.row([*names, a, b, difference, latex.p_value(line.p_corrected)]))
+            *figures, p = map(latex.escaped, (*_figures(line), p_text(line.p_corrected)))
+            if line.better in SIDES:
+                side = SIDES.index(line.better)
+                figures[side] = rf"\textbf{{{figures[side]}}}"
+            body.append(latex.row([*names, *figures, p]))
         basis = (
             text
             for text in _basis(compared)

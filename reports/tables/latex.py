@@ -19,12 +19,12 @@ from handbench.reports.tables.blocks import (
     best_note,
     blocks,
     caption,
-    decimals,
-    is_known,
+    figure,
+    number,
     p_text,
     paper_block,
+    settings_table,
 )
-from handbench.reports.tables.blocks import three_digits as digits
 
 COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long
@@ -220,9 +220,10 @@ def comparisons(result: Result) -> str:
         facts = result.about.metrics[metric]
         body = []
         for c in each(group):
-            names = [escaped(titles.get(name, name)) for name in (c.better, c.worse)]
-            difference = num_figure(c.difference, c.low, c.high, c.unit)
-            body.append(row([*names, difference, p_value(c.p_corrected), num(c.effect, 2)]))
+            names = [titles.get(name, name) for name in (c.better, c.worse)]
+            difference = figure(c.difference, c.low, c.high, c.unit)
+            cells = (*names, difference, p_text(c.p_corrected), number(c.effect, 2))
+            body.append(row(map(escaped, cells)))
         text = (
             f"{result.about.name}. {facts.title} against {reference}: differences with their 95 "
             "% confidence "
@@ -247,29 +248,11 @@ def tradeoff(found: Tradeoff) -> str:
             "together. "
             f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the "
             "95 % confidence "
-            f"interval, and of times the range of the repeats; ratio: to {section.reference}."
+            f"interval, and of times the range of the repeats; reference: {section.reference}."
         )
-        seen = (
-            [title_with_unit("Seen", "%")] if any(is_known(s.seen_percent) for s in front) else []
-        )
-        head = [
-            "Setting",
-            title_with_unit(section.metric, section.unit),
-            *seen,
-            title_with_unit("Time", "s"),
-            "Ratio",
-        ]
-        body = []
-        for s in front:
-            share = [num(s.seen_percent, 2)] if seen else []
-            cost = (
-                num_figure(s.seconds, s.seconds_low, s.seconds_high, "s"),
-                num(s.ratio, digits(s.ratio)),
-            )
-            body.append(
-                row([escaped(s.title), num_figure(s.error, s.low, s.high, s.unit), *share, *cost])
-            )
-        texts.append(float_table(text, f"l{'r' * len(head[1:])}", head, body))
+        head, rows = settings_table(section, front)
+        body = [row(map(escaped, cells)) for cells in rows]
+        texts.append(float_table(text, f"l{'r' * len(head[1:])}", map(escaped, head), body))
     return "\n".join(texts)
 
 
@@ -313,30 +296,3 @@ def title_with_unit(title: str, unit: str) -> str:
 def row(cells: Iterable[str]) -> str:
     """Return a row of a LaTeX table. cells: their text, already in LaTeX."""
     return " & ".join(cells) + r" \\"
-
-
-def num(value: float | None, places: int) -> str:
-    r"""Return a number as \num{…} with `places` decimals; a missing number is a dash."""
-    return rf"\num{{{value:.{places}f}}}" if is_known(value) else "--"
-
-
-def num_figure(
-    value: float | None, low: float | None, high: float | None, unit: str, bold: bool = False
-) -> str:
-    """Return a figure for LaTeX, followed by its interval [low, high] in brackets if both ends are
-    known; "--" if the value itself is unknown.
-    unit: of the metric, which determines the number of decimals."""
-    if not is_known(value):
-        return "--"
-    places = decimals(value, low, high, unit)
-    ends = (
-        f" {{[}}{num(low, places)}, {num(high, places)}{{]}}"
-        if is_known(low) and is_known(high)
-        else ""
-    )
-    return (rf"\textbf{{{num(value, places)}}}" if bold else num(value, places)) + ends
-
-
-def p_value(p: float | None) -> str:
-    """Format a p-value for LaTeX; below 0.001 it is "< 0.001", and an unknown one is "--"."""
-    return rf"\num{{{p_text(p)}}}" if is_known(p) else "--"

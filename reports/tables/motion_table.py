@@ -3,11 +3,9 @@ method."""
 
 import pandas as pd
 
-from handbench.bench.results import HEADLINE, Result
-from handbench.reports.tables.blocks import NONE, is_known, number, three_digits
+from handbench.bench.results import HEADLINE, VELOCITY_BEYOND, VELOCITY_MAE, Result
+from handbench.reports.tables.blocks import NONE, rounded
 
-VELOCITY = "velocity_mae_mm_s"
-BEYOND = "velocity_beyond_percent"
 MARK = "†"
 CAPTION = (
     "Error over speed, against the true surface at the start of the frame; speed: mean |radial "
@@ -20,7 +18,7 @@ def motion_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
     """Return the headings and the formatted lines of the table of error over speed; no lines if
     nothing moves."""
     found, titles = result.motion, {m.name: m.title for m in result.about.methods}
-    kinds = [(HEADLINE, "mm"), (VELOCITY, "mm/s")]
+    kinds = [(HEADLINE, "mm"), (VELOCITY_MAE, "mm/s")]
     columns = [
         (metric, unit, str(method))
         for metric, unit in kinds
@@ -36,7 +34,7 @@ def motion_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
         first, of = lines.iloc[0], {line.method: line for _, line in lines.iterrows()}
         cells = [_cell(of[method], metric) for metric, _, method in columns]
         rows.append(
-            (str(capture), _number(first.speed_mm_s), _number(1e3 * first.step_time_s), *cells)
+            (str(capture), rounded(first.speed_mm_s), rounded(1e3 * first.step_time_s), *cells)
         )
     return headings, rows
 
@@ -49,9 +47,5 @@ def motion_csv(result: Result) -> str:
 
 
 def _cell(line: pd.Series, metric: str) -> str:
-    value = _number(line[metric])
-    return f"{value} {MARK}" if value != NONE and line[BEYOND] > 0 else value
-
-
-def _number(value: float) -> str:
-    return number(value, three_digits(value)) if is_known(value) else NONE
+    value = rounded(line[metric])
+    return f"{value} {MARK}" if value != NONE and line[VELOCITY_BEYOND] > 0 else value

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Sequence
 from itertools import groupby, zip_longest
 from typing import Any
 
-import pandas as pd
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
@@ -21,12 +20,11 @@ from handbench.reports.tables.blocks import (
     best_note,
     blocks,
     caption,
-    figure,
     is_known,
     number,
     p_text,
     ratio,
-    three_digits,
+    settings_table,
 )
 from handbench.reports.tables.motion_table import CAPTION, motion_table
 
@@ -45,17 +43,26 @@ def findings(result: Result) -> list[str]:
     Both the error on common pixels and the error over completeness are compared under equal
     treatment, that is with all depth maps unsmoothed, or all with the same smoothing. A pair that
     was not compared has no sentence."""
-    return [sentence for pair in PAIRS if (sentence := _claim(result, *pair))]
+    return [
+        f"{pair}, on the pixels that all see: {common}; over completeness: {over}{few}"
+        for pair, common, over, few in claims(result)
+    ]
 
 
-def _claim(result: Result, first: str, second: str) -> str:
+def claims(result: Result) -> list[tuple[str, str, str, str]]:
+    """Return what `findings` says of each pair: the methods, which one is better on common pixels,
+    which one over completeness, and a note if there was no test."""
+    return [claim for pair in PAIRS if (claim := _claim(result, *pair))]
+
+
+def _claim(result: Result, first: str, second: str) -> tuple[str, str, str, str] | None:
     lines = result.comparisons
     lines = lines[
         (lines.treatment != "")
         & (lines.better.isin((first, second)) & lines.worse.isin((first, second)))
     ]
     if lines.empty:
-        return ""
+        return None
     titles = {method.name: method.title for method in result.about.methods}
     amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
     common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
@@ -63,12 +70,8 @@ def _claim(result: Result, first: str, second: str) -> str:
     untested, count = lines.p_corrected.isna().all(), lines.n_captures.iloc[0]
     captures = "1 capture" if count == 1 else f"{count} captures"
     few = f" ({captures}: too few for a test)" if untested else ""
-    summaries = [_joined(amounts) or "not compared" for amounts in (common, over)]
-    between = f"{titles[first]} and {titles[second]}"
-    at_common, over_share = summaries
-    return (
-        f"{between}, on the pixels that all see: {at_common}; over completeness: {over_share}{few}"
-    )
+    at_common, over_share = (_joined(amounts) or "not compared" for amounts in (common, over))
+    return f"{titles[first]} and {titles[second]}", at_common, over_share, few
 
 
 def _joined(findings: list[tuple[str, str]]) -> str:
@@ -179,17 +182,13 @@ def tradeoff_markdown(tradeoff: Tradeoff) -> str:
             f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: "
             f"{escaped(section.seconds)}\n"
         )
-        error = f"{escaped(section.metric)} ({escaped(section.unit)})"
         settings = tradeoff.section(section.name)
-        seen = ["seen (%)"] if any(is_known(s.seen_percent) for s in settings) else []
+        head, rows = settings_table(section, settings)
         lines = []
-        for s in settings:
-            title = bold(escaped(s.title)) if s.on_front else escaped(s.title)
-            share = [number(s.seen_percent, 2)] if seen else []
-            cost = escaped(figure(s.seconds, s.seconds_low, s.seconds_high, "s"))
-            cells = (escaped(figure(s.error, s.low, s.high, s.unit)), *share, cost)
-            lines.append((title, *cells, number(s.ratio, three_digits(s.ratio))))
-        parts.append(table(("setting", error, *seen, "time (s)", "× reference"), lines))
+        for s, cells in zip(settings, rows, strict=True):
+            title, *figures = map(escaped, cells)
+            lines.append((bold(title) if s.on_front else title, *figures))
+        parts.append(table([*map(escaped, head)], lines))
     return "\n".join(parts)
 
 
@@ -216,19 +215,6 @@ def csv_text(result: Result) -> str:
         "seconds",
     ]
     return lines[columns].to_csv(index=False, lineterminator="\n")
-
-
-def stages(result: Result) -> pd.DataFrame:
-    """Return a table with one row for each method and processing stage, in the order in which they
-    first ran.
-    Its columns are method, stage, number of tasks, how many of these were reused from an earlier
-    run, and, as formatted text, the medians of seconds, cpu_seconds and peak_memory_mb."""
-    titles = {method.name: method.title for method in result.about.methods}
-    groups = result.tasks.groupby(["method", "stage"], sort=False)
-    counts = groups.cached.agg(tasks="size", cached="sum")
-    medians = groups[["seconds", "cpu_seconds", "peak_memory_mb"]].median()
-    lines = counts.join(medians.map(lambda value: number(value, three_digits(value)))).reset_index()
-    return lines.assign(method=[titles.get(name, name) or "every method" for name in lines.method])
 
 
 def show(result: Result) -> None:

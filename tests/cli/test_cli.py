@@ -126,8 +126,11 @@ def test_capture_to_metrics(made, tmp_path, capsys):
     with np.load(depth) as found:
         assert found["z_m"].shape == (21, 21)
         on = np.isfinite(found["z_m"])
-        share = 100 * (found["p_gross"][on] > 0.5).mean()
-    printed = f"{on.sum()} pixels on target, {share:.1f} % of them flagged (p_gross > 0.5)"
+        wrong, doubted = (found["p_gross"][on] > 0.5).mean(), found["wrapped"][on].mean()
+    printed = (
+        f"{on.sum()} pixels on target, {100 * doubted:.1f} % of them in doubt (wrapped), "
+        f"{100 * wrong:.1f} % likelier wrong than right (p_gross > 0.5)"
+    )
     assert printed in capsys.readouterr().err
     assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply")]) == 0
     metrics = json.loads(capsys.readouterr().out)

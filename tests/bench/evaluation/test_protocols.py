@@ -7,10 +7,9 @@ import pandas as pd
 import pytest
 
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import of_captures, over_frames
+from handbench.bench.evaluation.metrics import VELOCITY, of_captures, over_frames
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
-from handbench.bench.evaluation.velocity_errors import VELOCITY
 from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(24)

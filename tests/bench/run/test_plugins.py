@@ -116,6 +116,8 @@ def test_a_broken_plug_in_is_named_in_one_line_and_harms_nobody(
     )
     assert main(["list"]) == 0
     assert f"bad of bad-methods: {line.partition('left out: ')[2]}" in capsys.readouterr().out
+    assert main(["list", "plugins", "1 GHz apart"]) == 0
+    assert "plug-in: wide-methods 0.1" in capsys.readouterr().out
     words = r"unknown id 'ours'.*could not be loaded: bad of bad-methods"
     with pytest.raises(HandbenchError, match=words):
         method("ours")

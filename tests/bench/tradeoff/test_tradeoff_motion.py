@@ -11,7 +11,7 @@ from handbench.bench.results import Section, Setting, best_at_each_speed
 from handbench.bench.run.sweep import TradeoffSweep
 from handbench.bench.tradeoff import motion
 from handbench.bench.tradeoff.settings import rank
-from handbench.reports.figures.speeds import over_speed
+from handbench.reports.figures.motion import over_speed
 from handbench.support.config import parse
 
 SPHERE = {"kind": "sphere", "radius_m": 0.03, "edge_m": 2e-3, "distance_m": 0.3}

@@ -105,6 +105,20 @@ def test_a_wrong_period_is_doubted(plate):
     assert (after > 0.01).all() and (after > 50 * before).all()
 
 
+def test_a_pixel_that_the_method_flags_is_doubted_as_much(plate):
+    """The other pixels keep their p_gross."""
+    depth, capture, config = plate
+    flags = np.zeros(depth.z_m.shape, bool)
+    flags[18:21, 18:21] = True
+    before, after = (
+        with_p_gross(replace(depth, wrapped=of), capture, config).p_gross
+        for of in (np.zeros_like(flags), flags)
+    )
+    assert (before[flags] < config.wrap_probability).all()
+    assert (after[flags] >= np.float32(config.wrap_probability)).all()
+    assert np.array_equal(after[~flags], before[~flags], equal_nan=True)
+
+
 def test_noise_is_not_and_a_depth_behind_the_array_never(plate):
     _, capture, config = plate
     draws = np.random.default_rng(1).standard_normal((2, *capture.samples.shape)).astype(np.float32)

@@ -5,7 +5,7 @@ import pytest
 
 from handbench.bench import results
 from handbench.bench.evaluation.tables import SCORES, frame
-from handbench.reports.figures.motion import errors_over_speed, errors_over_time
+from handbench.reports.figures.motion import error_over_frames, errors_over_speed, sequences
 from handbench.reports.tables.motion_table import MARK, motion_csv, motion_table
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
@@ -60,10 +60,11 @@ def test_figures_draw_what_is_there(moving):
     assert sorted(np.concatenate(mine).tolist()) == [[mm_s, 10.0] for mm_s in SPEEDS_MM_S.values()]
     rings = [line.get_xydata().tolist() for line in velocity.lines if line.get_markersize() > 4]
     assert [[400.0, 3.0]] in rings
-    [axis] = errors_over_time(moving, moving.scored()[2]).figure.axes
-    assert len(axis.lines) == len(METHODS)
-    np.testing.assert_allclose(axis.lines[0].get_xdata(), 0.1 * np.arange(FRAMES))
-    assert errors_over_time(moving, moving.scored()[0]) is None
+    assert sequences(moving) == ["U"]
+    for capture in (moving.scored()[2], None):  # of the one sequence, and of all
+        [axis] = error_over_frames(moving, capture).figure.axes
+        assert len(axis.lines) == len(METHODS)
+        np.testing.assert_allclose(axis.lines[0].get_xdata(), 0.1 * np.arange(FRAMES))
 
 
 def test_a_result_at_rest_has_neither(tmp_path):

@@ -15,7 +15,7 @@ def test_several_results_are_one_ranking_with_their_reports(
 ):
     """Of the pictures those of the causes alone, which nothing else draws, and as PNG only."""
     monkeypatch.setattr(html, "panels", lambda *_: ())
-    monkeypatch.setattr(html.charts, "overview", lambda *_: ())
+    monkeypatch.setattr(html.plots, "overview", lambda *_: ())
     images = rendering.images
     monkeypatch.setattr(rendering, "images", lambda draw, folder, _=0: images(draw, folder, False))
     shutil.copytree(small_result, tmp_path / "A", ignore=shutil.ignore_patterns("work"))

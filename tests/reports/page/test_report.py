@@ -17,7 +17,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.paired import compare
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import STYLE
-from handbench.reports.page import html, rendering, scene3d
+from handbench.reports.page import html, rendering, scene3d, summary
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from tests.reports.synthetic_result import METHODS, write_synthetic
@@ -53,7 +53,7 @@ def report(folder, tmp_path_factory):
 
 def test_every_file_is_there_and_nothing_else(report):
     own = (f"depth_{SCRIPT}", f"error_{SCRIPT}__truth")
-    stems = ("accuracy_time", *own, "error_distribution", "repeats")
+    stems = ("accuracy_time", "bland_altman", *own, "error_distribution", "repeats")
     expected = {"table.md", "table.tex", "column.tex", "table.csv", "index.html"}
     expected |= {f"figures/{stem}{suffix}" for stem in stems for suffix in (".png", ".pdf")}
     assert {
@@ -99,7 +99,7 @@ def test_the_page_is_self_contained_and_escaped(report):
     text, tags = (report / "index.html").read_text(encoding="utf-8"), parsed(report / "index.html")
     assert tags.open == []
     assert not tags.names & {"i", "link", "iframe", "object"}
-    assert len(tags.images) == 7
+    assert len(tags.images) == 8
     assert all(
         image["src"].startswith("data:image/webp;base64,") and len(image["alt"]) > 40
         for image in tags.images
@@ -174,7 +174,7 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
     monkeypatch.setattr(html, "ABREAST", 1)
     monkeypatch.setattr(html, "FIRST", 1)
     written, counted = [], []
-    monkeypatch.setattr(html.charts, "overview", lambda _, counts: counted.append(counts) or ())
+    monkeypatch.setattr(html.plots, "overview", lambda _, counts: counted.append(counts) or ())
     for count in ("1", "2"):
         monkeypatch.setenv("HANDBENCH_WORKERS", count)
         out = tmp_path / count
@@ -209,7 +209,34 @@ def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
     assert "1 of 1" in text and "0.250" in text
     # nothing is tested, so no method has the best figure
     assert "Too few captures for a test" in text
-    assert "3fsk is ahead of 2fsk by 5.0 mm" in text and "has the best figure" not in text
+    assert "3fsk is ahead of 2fsk by 5.0 mm" in text and "Best methods" not in text
+
+
+def test_the_order_of_the_paper_is_stated_in_words(result_folder):
+    """Of the paper's errors 1.7 mm of 3-FSK and 1.0 mm of broadband are the nearest."""
+    result = results.load(result_folder)
+    assert dict(summary.leads(result))["Paper"] == "the methods have the order of the paper by MAE."
+    table = result.table
+    table.loc[(table.metric == "mae_mm") & (table.method == "3fsk"), "value"] = 0.1
+    stated = dict(summary.leads(result))["Paper"]
+    assert (
+        "but for 3-FSK before Broadband (here 0.10 and " in stated and stated.count("before") == 1
+    )
+    assert "in the paper 1.7 and 1.0 mm)" in stated
+
+
+@pytest.mark.parametrize(
+    ("config", "text"),
+    [
+        ({"f1_hz": 82e9, "f2_hz": 81.8e9, "tolerance": 1e-5}, "82, 81.8 GHz"),
+        ({"tones_hz": [82e9, 81.8e9, 72e9]}, "82, 81.8, 72 GHz"),
+        ({"start_hz": 72e9, "stop_hz": 82e9, "count": 128}, "128 tones, 72 to 82 GHz"),
+        ({"x_hz": "none"}, ""),
+    ],
+)
+def test_the_tones_of_a_method_are_named(config, text):
+    method = results.MethodFacts(name="mine", title="mine", config={"B": config, "F": config})
+    assert summary.tones_text(method) == text
 
 
 def test_what_turns_in_3d_is_what_was_measured(result_folder):
