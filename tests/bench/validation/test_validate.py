@@ -188,9 +188,9 @@ def test_a_calibration_a_data_set_and_kept_maps_that_are_missing(tmp_path):
     )
     same(
         found_in(tmp_path / "b.toml"),
-        ("b.toml:4", r"the capture for the calibration has no target\.toml, photos; add what is"),
+        ("b.toml:3", r"the capture for the calibration has no target\.toml, photos; add what is"),
         ("b.toml:6", "set: expected a folder"),
-        ("b.toml:11", r"'\.\./maps' is outside the folder"),
+        ("b.toml:9", r"'\.\./maps' is outside the folder"),
     )
 
 

@@ -140,7 +140,7 @@ LIES = [  # a PLY's content, and words of its refusal
         "has the length -1",
     ),
     (header(of_face=LIST.replace("uchar", "float")) + rows(), "not declared as a whole number"),
-    (header(of_face=LIST + "property x\n") + rows(), "line 9 of its header, 'property x', is not"),
+    (header(of_face=LIST + "property x\n") + rows(), "line 10 of its header, 'property x', is not"),
     (header(of_face=LIST + "element face 0\n") + rows(), "an element is declared twice"),
     (ply()[:-1], "it ends before all 2 of 'face'"),
     (header().replace(b"format binary_little_endian 1.0\n", b""), "header has no format"),
