@@ -258,10 +258,9 @@ def surface_problems(file: Path) -> Found[Surface | None]:
 def _target(file: Path) -> Iterator[Problem]:
     found, target = yield from parse_model(Target, file, "a calibration target description")
     for index, element in enumerate(target.element if target is not None else ()):
-        for key, most_m in (("centre_m", FAR_M), ("sphere_radius_m", 1.0), ("ball_radius_m", 1.0)):
-            far_m = float(np.abs(getattr(element, key)).max())
-            place = found.at(("element", index, key))
-            yield from findings(place, "length", name=f"{key} is", far_m=far_m, most_m=most_m)
+        far_m = max(map(abs, element.centre_m))
+        place = found.at(("element", index, "centre_m"))
+        yield from findings(place, "length", name="centre_m is", far_m=far_m, most_m=FAR_M)
 
 
 def photo_problems(folder: Path, scaled: bool = True) -> Iterator[Problem]:

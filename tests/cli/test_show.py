@@ -14,10 +14,14 @@ from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.results import ErrorMap
 from handbench.bench.validation.checks import figure_warnings
+from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
+from handbench.cli.show import _recording
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import save_capture
 from handbench.reports.figures.layers import error_layer, layers_figure, volume_layers
+from tests.radar.simulated_points import point_capture
 from tests.reports.synthetic_result import hand_m, write_synthetic, write_synthetic_tradeoff
 
 
@@ -33,6 +37,10 @@ def shown(made, tmp_path_factory):
     posed |= {"params": [30, 30, 15, 10], "R": np.eye(3).tolist(), "t": [0, 0, 1]}
     cameras = {"cameras": [posed, posed | {"name": "b.jpg", "t": [0.5, 0, 1]}]}
     (folder / "cameras.json").write_text(json.dumps(cameras))
+    moved, covariance = np.diag([1.0, -1, -1, 1]), 1e-8 * np.eye(6)
+    Transform("photo", "radar", moved, covariance, np.array([1e-4, 3e-4])).save(
+        folder / "calibrated.json"
+    )
     write_synthetic(folder / "result", ("B",))
     write_synthetic_tradeoff(folder / "tradeoff")
     return folder
@@ -45,7 +53,7 @@ def pixels(file) -> np.ndarray:
 
 KINDS = (
     *("capture", "capture/echoes.h5", "capture/truth_radar_from_photo.json", "depth.npz"),
-    *("volume.npz", "mesh.ply", "cameras.json", "result", "tradeoff"),
+    *("volume.npz", "mesh.ply", "cameras.json", "calibrated.json", "result", "tradeoff"),
     *("result/errors/B__2fsk__truth.npz", "result/depth/B__photogrammetry.npz"),
 )
 
@@ -61,6 +69,15 @@ def test_every_kind_becomes_a_picture_in_the_current_folder(
     picture = pixels(tmp_path / file)
     assert min(picture.shape) > 300 and 0.01 < (picture < 128).mean() < 0.9
     assert main(["show", str(shown / name)]) == 2 and "--overwrite" in capsys.readouterr().err
+
+
+def test_a_sweep_s_range_profile_has_its_maximum_at_half_the_path(tmp_path):
+    """Of a point on the axis of the array, whose antennas are at most 0.1 m from its centre."""
+    save_capture(tmp_path / "a.h5", point_capture((0.0, 0.0, 0.3), np.linspace(72e9, 82e9, 64)))
+    figure = _recording(tmp_path / "a.h5")
+    [profile] = [axis for axis in figure.axes if axis.get_title().startswith("range")]
+    x_mm, level_db = profile.lines[0].get_data()
+    assert 300 < x_mm[np.argmax(level_db)] < np.hypot(300, 100)
 
 
 @pytest.mark.parametrize("name", ["capture", "depth.npz", "mesh.ply"])

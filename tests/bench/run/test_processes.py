@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from handbench.bench.run.executors import ProcessExecutor
+from handbench.bench.run.executors import LocalExecutor, ProcessExecutor, executor
 from handbench.support.parallel import workers
 from tests.bench.run.jobs_of_tests import performed, slow, spans, stage_of, stuck
 
@@ -44,6 +44,13 @@ def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
         others = [span for span in took.values() if span is not image]
         assert all(other[1] <= began_s or other[0] >= ended_s for other in others), "alone"
     assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
+
+
+def test_one_stage_or_too_little_memory_for_two_starts_no_process(beside, tmp_path):
+    performed(beside, spans, tmp_path, [job := stage_of("mesh", "a")])
+    assert int((tmp_path / job.label).read_text().split()[2]) == os.getpid()
+    with executor(core_s=1e9, bytes_=1e18) as found:
+        assert isinstance(found, LocalExecutor)
 
 
 def test_a_bug_keeps_its_exception_and_where_it_was(beside, tmp_path):

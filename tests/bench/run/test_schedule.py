@@ -9,7 +9,8 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import CancelledError, Executor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -138,3 +139,20 @@ def test_no_scheduler_is_one_line(monkeypatch, address):
         words = r"handbench\[cluster\]"
     with pytest.raises(HandbenchError, match=words), executors.executor(address):
         pass
+
+
+@pytest.mark.parametrize(
+    ("error", "expected", "words"),
+    [
+        (CancelledError(), HandbenchError, "--scheduler: the connection to the scheduler is lost"),
+        (OSError("closed"), HandbenchError, "which resumes the run"),
+        (FileNotFoundError(2, "No such file", "a"), FileNotFoundError, "No such file"),
+    ],
+)
+def test_a_scheduler_that_is_lost_is_one_line_and_a_file_s_error_stays(
+    monkeypatch, error, expected, words
+):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
+    with pytest.raises(expected, match=words), executors.executor("tcp://127.0.0.1:1"):
+        raise error

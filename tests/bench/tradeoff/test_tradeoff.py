@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from hypothesis import given
@@ -18,6 +19,7 @@ from handbench.bench.results import (
 )
 from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, default, imaging_settings
 from handbench.bench.tradeoff.imaging import counted_factor
+from handbench.bench.tradeoff.run import _link_or_copy
 from handbench.bench.tradeoff.settings import answer, dominates, front, rank
 from handbench.cli.tradeoff import LENGTHS, TIMES, quantity
 from handbench.radar.methods.fsk_config import ThreeToneConfig
@@ -75,6 +77,18 @@ def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():
     )
     assert {s.name for s in front([whole, half])} == {"whole", "half"}
     assert not dominates(whole, half) and dominates(replace(half, seen_percent=30.0), whole)
+
+
+def test_a_capture_s_file_is_linked_or_where_links_fail_copied(tmp_path, monkeypatch):
+    (tmp_path / "a").write_text("echoes")
+    names = [str(tmp_path / name) for name in "abc"]
+    for _ in range(2):  # another setting has linked it already
+        _link_or_copy(*names[:2])
+    monkeypatch.setattr("os.link", Mock(side_effect=OSError(18, "another file system")))
+    _link_or_copy(names[0], names[2])
+    linked, copied = (Path(name) for name in names[1:])
+    assert linked.samefile(names[0]) and not copied.samefile(names[0])
+    assert copied.read_text() == "echoes"
 
 
 SEEN = st.sampled_from([None, 1, 2])

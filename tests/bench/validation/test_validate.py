@@ -11,6 +11,7 @@ import pytest
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.validation.inspection import problems_of, show
 from handbench.bench.validation.problems import line_of, lines_of
+from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray
@@ -93,7 +94,7 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
     folder = make_capture(tmp_path / "a")
     (folder / "capture.toml").write_text(
         'version = 2\nname = "a/b"\nkint = "hand"\ndistance_m = "near"\nunits = "mm"\n'
-        'contains = [\n  "echoes.h5",\n  "photos",\n  "../secret",\n]\n'
+        'contains = [\n  "echoes.h5",\n  "photos", 7,\n  "../secret",\n]\n'
         "[methods.2fsk]\nf1_hz = -1.0\nf3_hz = 1e9\n[methods.2fks]\nf1_hz = 1.0\n"
     )
     same(
@@ -104,6 +105,7 @@ def test_every_key_of_a_capture_file_that_is_wrong(tmp_path):
         ("capture.toml:4", "'distance_m' is 'near'"),
         ("capture.toml:5", "'units' is 'mm'; input should be 'm'"),
         ("capture.toml:6", "photos is listed but missing"),
+        ("capture.toml:6", r"'contains\.2' is 7"),
         ("capture.toml:6", r"'\.\./secret' is outside the folder"),
         ("capture.toml:12", "'methods.2fsk.f1_hz' is -1.0"),
         ("capture.toml:13", "unknown key 'methods.2fsk.f3_hz'; did you mean 'f[12]_hz'"),
@@ -176,6 +178,43 @@ def test_every_problem_of_a_benchmark(tmp_path):
     )
 
 
+def test_a_calibration_a_data_set_and_kept_maps_that_are_missing(tmp_path):
+    make_capture(tmp_path / "a")
+    (tmp_path / "b.toml").write_text(
+        'version = 1\nname = "b"\n[[calibration]]\npath = "a"\n[[dataset]]\npath = "set"\n'
+        '[[capture]]\npath = "a"\n[[method]]\nid = "own"\nmaps = "../maps"\n'
+    )
+    same(
+        found_in(tmp_path / "b.toml"),
+        ("b.toml:3", r"the capture for the calibration has no target\.toml, photos; add what is"),
+        ("b.toml:6", "set: expected a folder"),
+        ("b.toml:9", r"'\.\./maps' is outside the folder"),
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("nowhere", None, "nowhere"),
+        ("cams.xml", "<document/>", r"does not read \.xml files; .* --cameras"),
+        ("folder/tradeoff.json", "{}", "tradeoff"),
+        (
+            "target.toml",
+            "foam_permitivity = 1.03\n[[element]]\n",
+            "did you mean 'foam_permittivity",
+        ),
+        ("board.toml", "[charuco]\ncolumms = 4\n", "did you mean 'columns'"),
+    ],
+)
+def test_every_other_kind_of_input_is_named_in_its_problem(tmp_path, name, text, words):
+    file = tmp_path / name
+    file.parent.mkdir(exist_ok=True)
+    if text is not None:
+        file.write_text(text)
+    found = [str(p) for p in problems_of(str(file if file.parent == tmp_path else file.parent))]
+    assert any(re.search(words, problem) for problem in found)
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -238,6 +277,13 @@ def test_frames_without_their_truths_are_named(tmp_path):
 def test_a_capture_without_its_parts_is_named(tmp_path):
     folder = make_capture(tmp_path / "a", kind="target")
     same(found_in(folder), (".", "capture of the calibration target without target.toml"))
+    save_target(folder / "target.toml", default_target())
+    assert found_in(folder) == []
+    text = (folder / "target.toml").read_text()
+    (folder / "target.toml").write_text(text.replace("0.06", "60", 1))
+    [problem] = found_in(folder)
+    assert re.match(r"target\.toml:\d+: warning: centre_m is 60 m; check that it is in", problem)
+    (folder / "target.toml").unlink()
     for name in ("capture.toml", "truth.ply"):
         (folder / name).unlink()
     expected = (

@@ -72,6 +72,7 @@ def test_broken_data_are_no_data(tmp_path):
     (tmp_path / "a.jpg").write_bytes(whole)
     assert read_exif(tmp_path / "a.jpg") == {}
     assert read_exif(tmp_path / "nowhere.jpg") == {}
+    assert focal_length_px({0xA405: "26 mm", 0x920A: float("inf")}, WIDTH, HEIGHT) is None
     assert [orientation_of({0x0112: value}) for value in (6, 0, 9, "x", None)] == [6, 1, 1, 1, 1]
 
 

@@ -74,11 +74,23 @@ def test_the_target_is_cut_out_by_its_colour(photo, camera):
     assert Masks().of(photo, camera, pose, box_m) is None
 
 
-def test_nothing_is_cut_out_of_an_even_picture(tmp_path, capsys, camera):
+def test_a_mask_of_a_picture_upside_down_fits_its_stored_pixels(tmp_path, photo, capsys):
+    turned = Photo(photo.path, photo.name, WIDTH, HEIGHT, orientation=3)
+    write(tmp_path / "masks", "a.png", DISC)
+    find_masks(tmp_path / "masks", (turned,))
+    assert "a.png: EXIF says that it is upside down; its mask must" in capsys.readouterr().err
+
+
+def test_nothing_is_cut_out_of_an_even_picture_or_where_the_box_is_all_around(
+    tmp_path, capsys, camera, photo
+):
     cv2.imwrite(str(tmp_path / "plain.png"), np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8))
     plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
     assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
     assert "plain.png: the target cannot be separated" in capsys.readouterr().err
+    around_m = np.array([(-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)])
+    assert Masks(by_colour=True).of(photo, camera, load_pycolmap().Rigid3d(), around_m) is None
+    assert "a.png: the target cannot be separated" in capsys.readouterr().err
 
 
 def test_a_view_is_unknown_outside_the_mask(photo, camera):

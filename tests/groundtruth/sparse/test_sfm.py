@@ -11,6 +11,7 @@ from handbench.groundtruth.sparse.sfm import (
     Lenses,
     describe_refinement,
     find_features,
+    named_pictures,
     pipeline_options,
 )
 from tests.groundtruth.noisy_model import exact_model
@@ -84,3 +85,20 @@ def test_cameras_that_moved_and_turned_are_compared():
         moved.append(camera.model_copy(update=pose))
     assert "moved by 0.35 (at most 0.4; " in describe_refinement(model, tuple(moved))
     assert "turned by 15° (at most 30°)" in describe_refinement(model, tuple(moved))
+
+
+def test_colmap_finds_photographs_of_other_names_and_formats_under_their_names(tmp_path):
+    """Pillow reads pictures by their content, so a PNG stands for a HEIC file."""
+    colour = np.random.default_rng(0).integers(0, 255, (6, 8, 3), dtype=np.uint8)
+    files = [tmp_path / "e\u0301.png", tmp_path / "b.heic"]  # é in two characters
+    for file in files:
+        Image.fromarray(colour).save(file, format="PNG")
+    photos = tuple(
+        Photo(file, name, 8, 6) for file, name in zip(files, ("é.png", "b.heic"), strict=True)
+    )
+    folder = named_pictures(photos, tmp_path)
+    assert folder == named_pictures(photos, tmp_path) != tmp_path
+    assert sorted(file.name for file in folder.iterdir()) == ["b.heic", "é.png"]
+    for photo in photos:
+        read = np.asarray(load_pycolmap().Bitmap.read(str(folder / photo.name), True).to_array())
+        np.testing.assert_array_equal(read, colour)

@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 import matplotlib
 import numpy as np
 import pytest
+from PIL import Image
 
 from handbench.bench import results
 from handbench.bench.evaluation.paired import compare
@@ -20,6 +21,7 @@ from handbench.reports.figures.style import STYLE
 from handbench.reports.page import html, rendering, scene3d, summary
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
+from tests.reports.figures.test_film import sequence
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets
@@ -210,6 +212,29 @@ def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
     # nothing is tested, so no method has the best figure
     assert "Too few captures for a test" in text
     assert "3fsk is ahead of 2fsk by 5.0 mm" in text and "Best methods" not in text
+
+
+def test_the_best_method_the_registration_and_the_film_are_shown(folder, tmp_path, undrawn):
+    """Figures of ten captures, of which 3-FSK's are smaller on each; residuals of a calibration
+    in millimetres; a sequence of three frames."""
+    changed = tmp_path / "changed"
+    shutil.copytree(folder, changed)
+    figures = {"2fsk": 6 + np.linspace(0, 1, 10), "3fsk": 1 + np.linspace(0, 0.5, 10)}
+    results.write_tables(changed, comparisons=compare(figures, "truth"))
+    results.write_frames(changed, SCRIPT, "3fsk", sequence(3))
+    about = read_json(changed / "result.json", "")
+    about["facts"] |= {"registration_residuals_mm": [0.2, 0.4]}
+    about["facts"] |= {"registration_error_at_hand_mm": 0.8}
+    write_json(changed / "result.json", about)
+    text = html.build(changed, tmp_path / "out").read_text(encoding="utf-8")
+    assert "Best methods" in text and "1 of 1" in text and "3fsk is ahead of 2fsk" in text
+    of_grid = text.partition("Registration on the calibration target")[2].partition("</table>")[0]
+    numbers = re.findall(r"[\d.]+", re.sub("<[^>]*>|&#39;", " ", of_grid))
+    assert [float(number) for number in numbers] == [1, 0.2, 2, 0.4, 0.8]
+    [film] = (tmp_path / "out").rglob("*.gif")
+    assert base64.b64encode(film.read_bytes()).decode() in text
+    with Image.open(film) as pictures:
+        assert pictures.n_frames == 3
 
 
 def test_the_order_of_the_paper_is_stated_in_words(result_folder):

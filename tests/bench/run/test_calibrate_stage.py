@@ -1,0 +1,68 @@
+"""The stage that registers camera and radar: a cloud and echoes of one target to
+`radar_from_photo`."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from handbench.bench.datasets.native import ECHOES, TARGET, CaptureFile, save_capture_file
+from handbench.bench.run import calibrate_stage, photogrammetry
+from handbench.calibration.registration.register import common_covariance
+from handbench.calibration.spheres.description import default_target, save_target
+from handbench.calibration.transforms import load_transform
+from handbench.groundtruth.dense.fusion import Cloud
+from handbench.radar.data.echoes_file import save_capture
+from handbench.support.errors import HandbenchError
+from tests.calibration.seen_target import search_coarsely
+from tests.calibration.spheres.test_balls import capture, centres
+from tests.calibration.spheres.test_spheres import scene
+
+TARGET_MADE = default_target()
+
+
+def target_folder(folder: Path, target=TARGET_MADE) -> Path:
+    """A capture folder that has only the target's description."""
+    folder.mkdir()
+    save_target(folder / TARGET, target)
+    save_capture_file(folder, CaptureFile(name=folder.name, kind="target"))
+    return folder
+
+
+@pytest.mark.slow
+def test_a_cloud_and_echoes_give_the_transform(tmp_path, monkeypatch):
+    """0.1 mm at every element: spheres are good for 0.02 mm, balls for 0.03 mm each."""
+    search_coarsely(monkeypatch)
+    rng, target = np.random.default_rng(20240607), TARGET_MADE
+    points_m, normals, photo_m = scene(rng, target, 0.35)
+    radar_m = centres(rng, target)
+    folder = target_folder(tmp_path / "target")
+    save_capture(folder / ECHOES, capture(rng, target, radar_m, (0, 1, 2, 3, 4), None))
+    seen = np.ones((len(points_m), 1), dtype=bool)
+    cloud = Cloud(points_m, normals, seen, np.zeros(len(points_m)), ("a.png",), 0.0)
+    cloud.save(tmp_path / "cloud.npz")
+    calibrate_stage.calibrate(tmp_path, [str(folder)], [str(tmp_path / "cloud.npz")])
+    found = load_transform(tmp_path / calibrate_stage.REGISTRATION)
+    assert (found.source, found.target) == ("photo", "radar")
+    miss_m = found.points(photo_m) - radar_m
+    assert np.linalg.norm(miss_m, axis=1).max() < 1e-4
+    assert len(found.residuals_m) == 5
+    assert found.residuals_m.max() < 1e-4
+    predicted_m = np.sqrt(np.diagonal(found.point_covariance(radar_m), axis1=1, axis2=2))
+    assert (np.abs(miss_m) < 4 * predicted_m).all()
+    shared_m = np.sqrt(common_covariance(target)[2, 2])
+    assert (
+        predicted_m[:, 2] > shared_m
+    ).all()  # what the foam may differ by shows in no residual, yet is counted
+    assert (predicted_m[:, :2] < 1e-4).all()
+
+
+def test_captures_of_two_targets_or_without_photographs_are_refused_before_the_work(tmp_path):
+    one = target_folder(tmp_path / "one")
+    softer = TARGET_MADE.model_copy(update={"foam_permittivity": 1.05})
+    other = target_folder(tmp_path / "other", softer)
+    words = r"other/target\.toml: describes another target than the file in .*one"
+    with pytest.raises(HandbenchError, match=words):
+        photogrammetry.calibrate_captures([one, other], "draft", seed=0)
+    with pytest.raises(HandbenchError, match="one: has no folder of photographs"):
+        photogrammetry.calibrate_captures([one], "draft", seed=0)
