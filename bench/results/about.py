@@ -11,7 +11,9 @@ from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
-from handbench.bench.evaluation.metrics import METRICS, TITLES, VELOCITY_BEYOND, VELOCITY_MAE
+from handbench.bench.evaluation.metrics import METRICS, TITLES
+from handbench.bench.evaluation.metrics import VELOCITY_BEYOND as VELOCITY_BEYOND
+from handbench.bench.evaluation.metrics import VELOCITY_MAE as VELOCITY_MAE
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json

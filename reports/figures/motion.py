@@ -140,7 +140,7 @@ def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
         own = best_at_each_speed(by_method[method.name])
         line = "-" if any(s.velocity_limit_m_s for s in by_method[method.name]) else "--"
         inside = [i for i, s in enumerate(own) if not s.beyond_limit]
-        x, y = [s.speed_m_s or rest for s in own], [s.error for s in own]
+        x, y = [s.speed_m_s or rest for s in own], [s.error or 0.0 for s in own]
         method.draw(axis, x, y, linewidth=1.2, linestyle=line, markevery=inside)
         for at, error, s in zip(x, y, own, strict=True):
             if s in best or s.beyond_limit:

@@ -31,15 +31,15 @@ BINS = 60  # of that axis, and at most of depths
 DEPTH_MM = 0.25  # steps in which depths are counted
 AGREE = 1.96  # standard deviations from the bias to the limits of agreement
 _SCALE = SymmetricalLogTransform(10, LINEAR_MM, 1)
-_ENDS = _SCALE.transform(np.array([-LARGEST_MM, LARGEST_MM]))
-SIGNED_MM = _SCALE.inverted().transform(np.linspace(*_ENDS, BINS + 1))
+_END = float(_SCALE.transform(np.array([LARGEST_MM]))[0])
+SIGNED_MM = _SCALE.inverted().transform(np.linspace(-_END, _END, BINS + 1))
 
 
 class ErrorCounts(NamedTuple):
     """Observed pixels by their errors z − z_ref.
     below [400]: pixels with |z − z_ref| up to each of EDGES_MM. sums [3]: pixels, and the sums of
     their errors and squared errors in mm. agreement: pixels by depth (z + z_ref)/2, in steps of
-    DEPTH_MM, and by interval of SIGNED_MM."""
+    DEPTH_MM, and by interval of SIGNED_MM, without those beyond."""
 
     below: np.ndarray
     sums: np.ndarray
@@ -51,7 +51,8 @@ class ErrorCounts(NamedTuple):
         seen = np.isfinite(errors.error_m)
         error_mm = 1e3 * errors.error_m[seen]
         depth = np.floor((1e3 * errors.reference_z_m[seen] + error_mm / 2) / DEPTH_MM)
-        pairs = np.stack([depth.astype(int), np.searchsorted(SIGNED_MM, error_mm) - 1])
+        error = np.clip(np.searchsorted(SIGNED_MM, error_mm) - 1, 0, BINS - 1)
+        pairs = np.stack([depth.astype(int), error])[:, np.abs(error_mm) <= LARGEST_MM]
         below = np.searchsorted(np.sort(np.abs(error_mm)), EDGES_MM, side="right")
         sums = np.array([len(error_mm), error_mm.sum(), (error_mm**2).sum()])
         unique, pixels = np.unique(pairs, axis=1, return_counts=True)
@@ -128,13 +129,13 @@ def bland_altman(result: Result, counts: Counts | None = None) -> Picture:
     figure = Figure(figsize=size_in, layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     depths = [depth for of in found for depth, _ in of.agreement] or [0]
-    step = -(-(np.ptp(depths) + 1) // BINS)
-    edges_mm = DEPTH_MM * np.arange(min(depths), max(depths) + step + 1, step)
+    low, high = min(depths), max(depths) + 1
+    step = -(-(high - low) // BINS)
+    edges_mm = DEPTH_MM * np.arange(low, high + step, step)
     grids = [np.zeros((BINS, len(edges_mm) - 1)) for _ in shown]
     for grid, of in zip(grids, found, strict=True):
         for (depth, error), pixels in of.agreement.items():
-            if 0 <= error < BINS:
-                grid[error, (depth - min(depths)) // step] += pixels
+            grid[error, (depth - low) // step] += pixels
     norm = LogNorm(1, max(2, *(grid.max() for grid in grids)))
     for axis, method, grid, of in zip(axes, shown, grids, found, strict=False):
         axis.pcolormesh(edges_mm, SIGNED_MM, np.ma.masked_equal(grid, 0), norm=norm)
@@ -154,12 +155,13 @@ def bland_altman(result: Result, counts: Counts | None = None) -> Picture:
     scale = ScalarMappable(norm)
     bar = figure.colorbar(scale, ax=axes, label="pixels", location="top", aspect=40)
     bar.ax.xaxis.set_major_formatter("{x:g}")
+    bar.minorticks_off()  # their labels would cover each other
     return Picture(
         "bland_altman",
         f"Agreement of the depth maps with the reference, {AGAINST[reference]} (Bland–Altman): "
-        "difference over mean of both depths, for the observed pixels of all captures. Lines: the "
-        "bias, and 1.96 standard deviations to either side. Differences are drawn linearly up to "
-        f"{LINEAR_MM:g} mm.",
+        "difference over mean of both depths, for the observed pixels of all captures. Lines, and "
+        "numbers above: the bias ± 1.96 standard deviations. Differences are drawn linearly up to "
+        f"{LINEAR_MM:g} mm; those beyond {LARGEST_MM:g} mm count, and are not drawn.",
         "Difference of map and reference over their mean, for each method.",
         figure,
     )

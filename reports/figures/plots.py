@@ -80,10 +80,15 @@ def accuracy_against_time(result: Result) -> Picture:
     notes = []
     for reference, method, error, time in points:
         axis, bounds = axes[reference], [(of.value, of.low, of.high) for of in (time, error)]
-        style = {"linestyle": "none", "markersize": 6, "capsize": 3, "elinewidth": 1}
+        style: dict[str, Any] = {
+            "linestyle": "none",
+            "markersize": 6,
+            "capsize": 3,
+            "elinewidth": 1,
+        }
         method.draw_point(axis, *bounds, **style)
         if error.paper > 0:
-            hollow = {"markersize": 6, "fillstyle": "none", "label": None}
+            hollow: dict[str, Any] = {"markersize": 6, "fillstyle": "none", "label": None}
             method.draw(axis, [time.value], [error.paper], **hollow)
         notes.append(
             f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in "
@@ -127,16 +132,16 @@ def error_of_captures(result: Result) -> Picture:
     """Plot the mean absolute error of each method on each capture as points, and their mean with
     its 95 % interval, with one panel for each reference."""
     lines = _first_frames(result)
-    captures, shown = lines.capture.unique(), methods(result)
+    captures, shown = lines.capture.unique().tolist(), methods(result)
     drawn = {r: AGAINST[r] for r in DRAWN if (lines.reference == r).any()}
     figure, axes = side_by_side(drawn, 1.4 + 0.32 * max(len(shown), 4))
     for reference, axis in axes.items():
         _draw_columns(axis, shown, lines[lines.reference == reference])
         for column, method in enumerate(shown):
             if mean := result.row(HEADLINE, method.name, reference):
-                level = {"color": method.colour, "linewidth": 1.5}
-                axis.hlines(mean.value, column - 0.4, column + 0.4, **level)
-                bar = {"marker": "none", "capsize": 3, "elinewidth": 1}
+                ends = column - 0.4, column + 0.4
+                axis.hlines(mean.value, *ends, color=method.colour, linewidth=1.5)
+                bar: dict[str, Any] = {"marker": "none", "capsize": 3, "elinewidth": 1}
                 bounds = mean.value, mean.low, mean.high
                 method.draw_point(axis, (column, None, None), bounds, **bar)
         log_axis(axis, "y")
@@ -145,7 +150,7 @@ def error_of_captures(result: Result) -> Picture:
     return Picture(
         "error_captures",
         f"Mean absolute error of each method on {len(captures)} captures: points, in the order "
-        f"{named(captures)}; lines: their mean, with its 95 % interval.",
+        f"{named(captures)}; lines: their mean, from five captures on with its 95 % interval.",
         "Mean absolute error of each method on each capture, and the mean.",
         figure,
     )
@@ -211,6 +216,10 @@ def risk_coverage(result: Result) -> Picture:
     )
 
 
+def _has_maps(result: Result) -> bool:
+    return bool(result.about.methods and drawn_references(result.scored()))
+
+
 def _first_frames(result: Result) -> pd.DataFrame:
     lines = errors_of_maps(result)
     return lines[lines.frame == 0]
@@ -224,9 +233,9 @@ KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[..., Picture]]] =
         "errors of several captures",
         error_of_captures,
     ),
-    "ecdf": (lambda r: bool(drawn_references(r.scored())), "error maps", error_distributions),
+    "ecdf": (_has_maps, "error maps", error_distributions),
     "coverage": (lambda r: bool(len(r.curves)), "risk–coverage curves", risk_coverage),
-    "bland-altman": (lambda r: bool(drawn_references(r.scored())), "error maps", bland_altman),
+    "bland-altman": (_has_maps, "error maps", bland_altman),
     "frames": (lambda r: bool(sequences(r)), "errors of several frames", error_over_frames),
     "speed": (lambda r: bool(len(r.motion)), "captures that move", errors_over_speed),
     "repeats": (lambda r: bool(r.repeats["repeat"].any()), "repeated frames", repeats),

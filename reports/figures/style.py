@@ -92,7 +92,7 @@ class Picture:
     figure: Figure
 
 
-Bounded = tuple[float, float | None, float | None]  # a value, and the ends of its interval
+Bounded = tuple[Any, float | None, float | None]  # a value, and the ends of its interval
 
 
 def narrow() -> bool:

@@ -177,7 +177,7 @@ def still(result: Result, capture: CaptureFacts, method: str | None) -> Image.Im
     the array and lit from the upper left. Pixels that the method observed have the colours of their
     errors."""
     reference = next(iter(drawn_references([capture])), None)
-    source = reference or method
+    source = reference or method or ""
     surface = result.surface(capture.name, source)
     inside = _box(surface.z_m)
     z_m, x_m, y_m = surface.z_m[inside], surface.x_m[inside[1]], surface.y_m[inside[0]]

@@ -15,6 +15,7 @@ from handbench.bench.results import (
     CaptureFacts,
     MethodFacts,
     Result,
+    each,
 )
 from handbench.bench.results.about import SHARES, TREATMENTS
 from handbench.bench.results.derived import few_pixels, few_pixels_text
@@ -236,14 +237,14 @@ def _order_of_paper(result: Result) -> str:
         return ""
     titles = {method.name: method.title for method in result.about.methods}
     reversed_ = [
-        f"{titles[a.Index]} before {titles[b.Index]} (here {a.value:.2f} and {b.value:.2f} mm, in "
-        f"the paper {paper(a.paper, 'mm')} and {paper(b.paper, 'mm')} mm)"
-        for a, b in combinations(known.itertuples(), 2)
+        f"{titles[a.method]} before {titles[b.method]} (here {a.value:.2f} and {b.value:.2f} mm, "
+        f"in the paper {paper(a.paper, 'mm')} and {paper(b.paper, 'mm')} mm)"
+        for a, b in combinations(each(known.reset_index()), 2)
         if a.paper > b.paper
     ]
     if not reversed_:
-        return "the methods have the order of the paper by MAE."
-    return f"by MAE, the order is that of the paper but for {'; '.join(reversed_)}."
+        return "By MAE, the methods are in the order of the paper."
+    return f"By MAE, the methods are in the order of the paper but for {'; '.join(reversed_)}."
 
 
 def front(result: Result) -> list[str]:

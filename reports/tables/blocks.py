@@ -240,7 +240,7 @@ def settings_table(
     the surface that is seen, if one is known, time, and its ratio to that of the reference."""
     error = f"{section.metric} ({section.unit})"
     heads = ["setting", error, "seen (%)", "time (s)", "× reference"]
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (s.title, error_text(s), number(s.seen_percent, 2), seconds_text(s), rounded(s.ratio))
         for s in settings
     ]
