@@ -252,15 +252,17 @@ def settings_table(
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
     """Return the number of decimals with which a figure and its interval [low, high] are printed.
-    There are enough for two significant digits of half the interval's width, but at most three
-    significant digits of the value. Millimetres have at least one, as in the paper; percentages
-    always two, because many are close to 100; pixels none."""
-    if unit in ("%", "pixels"):
-        return 2 if unit == "%" else 0
-    places = three_digits(value)
+    With an interval there are enough for two significant digits of half its width, but at most
+    three of the value. Without one there are two of the value: the third depends on the processor,
+    whose rounding moves pixels across the edge of the reference. Millimetres have at least one, as
+    in the paper, percentages one, pixels none."""
+    if unit in ("%", "pixels") or not value:
+        return 1 if unit == "%" else 0
     if is_known(low) and is_known(high) and high > low:
-        places = min(places, _digits((high - low) / 2, 2))
-    return max(places, 1) if unit == "mm" and value else places
+        places = min(_digits(value, 3), _digits((high - low) / 2, 2))
+    else:
+        places = _digits(value, 2)
+    return max(places, 1) if unit == "mm" else places
 
 
 def three_digits(value: float | None) -> int:

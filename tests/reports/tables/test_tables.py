@@ -122,14 +122,16 @@ def test_terminal_table_prints_names_as_they_are(evil, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("value", "half", "unit", "text"),
     [
-        (4.931, None, "mm", "4.93"),
+        (4.931, None, "mm", "4.9"),
         (1234.5, None, "s", "1234"),
-        (-0.4, None, "mm", "−0.400"),
+        (-0.4, None, "mm", "−0.40"),
         (None, None, "mm", "–"),
         (0.8721, 0.49, "mm", "0.87 [0.38, 1.36]"),
         (43.36, 12.0, "s", "43 [31, 55]"),
+        (1.2472, 0.05, "mm", "1.25 [1.20, 1.30]"),
+        (97.347, None, "%", "97.3"),
     ],
 )
-def test_figures_have_three_digits_or_those_that_their_interval_is_worth(value, half, unit, text):
+def test_figures_have_two_digits_or_those_that_their_interval_is_worth(value, half, unit, text):
     ends = (None, None) if half is None else (value - half, value + half)
     assert parts.figure(value, *ends, unit) == text
