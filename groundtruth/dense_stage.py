@@ -1,11 +1,13 @@
 """The second stage of a reconstruction: from registered photographs to one fused cloud of points,
 by depth maps."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense import completion, cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
@@ -22,6 +24,7 @@ from handbench.support.progress import say
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
 COARSER = 4  # factor on the pixel size of the depth maps that locate the target
+COARSEST_PX = 64  # rows of a picture that still show it
 
 
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
@@ -39,7 +42,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     plane = board_plane(Path(photos), chosen.board, solved)
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
-        coarse = Effort(COARSER * chosen.effort.shrink, 1)
+        coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
         bounds = narrow_volume(
             bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
         )
@@ -48,6 +51,13 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     warn_of_cuts(bounds, cloud, plane)
     cloud.shifted(solved.origin_m).save(folder / CLOUD)
     write_json(folder / VOLUME, vars(bounds.shifted(solved.origin_m)))
+
+
+def coarser(shrink: int, cameras: Iterable[Camera]) -> int:
+    """Return the divisor of the resolution at which the target is located: four times `shrink`, but
+    less for small photographs, of which at least 64 rows remain where `shrink` leaves as many."""
+    rows = min(min(camera.width, camera.height) for camera in cameras)
+    return max(shrink, min(COARSER * shrink, rows // COARSEST_PX))
 
 
 def dense_cloud(

@@ -17,6 +17,7 @@ from handbench.groundtruth.dense.volume import (
     volume,
     warn_of_cuts,
 )
+from handbench.groundtruth.dense_stage import coarser
 from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
@@ -142,3 +143,13 @@ def test_the_surroundings_of_a_board():
     np.testing.assert_allclose(
         off_plane(large, few_m, CENTRES_M + (0, 0, 2))[0], expected, atol=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "shrink", "expected"),
+    [(2400, 1600, 4, 16), (2400, 1600, 2, 8), (720, 480, 4, 7), (480, 720, 1, 4), (200, 200, 4, 4)],
+)
+def test_small_photographs_are_not_shrunk_until_nothing_is_left(width, height, shrink, expected):
+    """720 × 480 at draft quality were 45 × 30, too few for a matching window."""
+    cameras = [Camera(name="a", width=width, height=height, params=(500, 500, 0, 0, 0, 0, 0, 0))]
+    assert coarser(shrink, cameras) == expected
