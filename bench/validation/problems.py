@@ -38,7 +38,7 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
         python = text.lstrip("\ufeff").replace("\\/", "/")  # the one escape that Python lacks
         try:
             return dict(_json_lines(ast.parse(f"({python}\n)", mode="eval").body, ()))
-        except SyntaxError:
+        except (SyntaxError, ValueError, RecursionError, MemoryError):  # nested too deeply
             return {}
     lines: dict[Location, int] = {}
     table: Location = ()
