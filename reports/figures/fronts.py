@@ -2,8 +2,11 @@
 front)."""
 
 from collections.abc import Iterator
+from itertools import groupby
 from textwrap import wrap
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -22,6 +25,7 @@ from handbench.reports.figures.style import (
 from handbench.reports.tables.blocks import error_text, is_known, seconds_text
 
 LINE_IN = 0.165  # of a legend
+LABEL_SHARE = np.array([0.03, 0.03])  # of the axes' width and height that a label takes
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
@@ -98,8 +102,8 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     picture.legend(
         handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
     )
-    for i, s in enumerate(best, 1):
-        axis.annotate(str(i), (s.seconds, s.error), (4, 4), textcoords="offset points", fontsize=8)
+    for numbers, at in _labels(axis, best):
+        axis.annotate(numbers, at, (4, 4), textcoords="offset points", fontsize=8)
     listed = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
     more = any(is_known(s.seen_percent) for s in shown)
     good = "time, accuracy and completeness together" if more else "both time and accuracy"
@@ -131,6 +135,26 @@ def metric_words(about: Section) -> str:
     for mae_mm."""
     name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
     return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
+
+
+def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield the numbers of settings, as drawn beside their points, and the point: those of points
+    that lie too close for labels of their own share one, such as "15–18, 21"."""
+    places = axis.transAxes.inverted().transform(
+        axis.transData.transform([(s.seconds, s.error) for s in best])
+    )
+    groups: list[list[int]] = []
+    for i, place in enumerate(places):
+        near = (g for g in groups if (np.abs(place - places[g[-1]]) < LABEL_SHARE).all())
+        if (group := next(near, None)) is None:
+            groups.append([i])
+        else:
+            group.append(i)
+    for group in groups:
+        runs = groupby(enumerate(group, 1), lambda pair: pair[1] - pair[0])
+        spans = ([i + 1 for _, i in run] for _, run in runs)
+        words = (f"{run[0]}–{run[-1]}" if run[1:] else str(run[0]) for run in spans)
+        yield ", ".join(words), (best[group[0]].seconds or 0.0, best[group[0]].error or 0.0)
 
 
 def _legend(methods: list[DrawnMethod], reference: bool) -> list[Line2D]:
