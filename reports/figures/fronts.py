@@ -140,9 +140,8 @@ def metric_words(about: Section) -> str:
 def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float, float]]]:
     """Yield the numbers of settings, as drawn beside their points, and the point: those of points
     that lie too close for labels of their own share one, such as "15–18, 21"."""
-    places = axis.transAxes.inverted().transform(
-        axis.transData.transform([(s.seconds, s.error) for s in best])
-    )
+    points = [(s.seconds or 0.0, s.error or 0.0) for s in best]
+    places = axis.transAxes.inverted().transform(axis.transData.transform(points))
     groups: list[list[int]] = []
     for i, place in enumerate(places):
         near = (g for g in groups if (np.abs(place - places[g[-1]]) < LABEL_SHARE).all())
@@ -154,7 +153,7 @@ def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float,
         runs = groupby(enumerate(group, 1), lambda pair: pair[1] - pair[0])
         spans = ([i + 1 for _, i in run] for _, run in runs)
         words = (f"{run[0]}–{run[-1]}" if run[1:] else str(run[0]) for run in spans)
-        yield ", ".join(words), (best[group[0]].seconds or 0.0, best[group[0]].error or 0.0)
+        yield ", ".join(words), points[group[0]]
 
 
 def _legend(methods: list[DrawnMethod], reference: bool) -> list[Line2D]:
