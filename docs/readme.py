@@ -346,7 +346,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     what = parser.add_mutually_exclusive_group(required=True)
     what.add_argument("--check", action="store_true", help="are they stale?")
-    what.add_argument("--write", action="store_true", help="renew it")
+    what.add_argument("--write", action="store_true", help="renew them")
     options = parser.parse_args(arguments)
     try:
         if options.write:
@@ -360,8 +360,8 @@ def main(arguments: list[str] | None = None) -> int:
     fine = "README.md and docs/results.md: the tables are up to date"
     if options.result:
         fine += (
-            f", and {options.result} agrees with them within one unit of the last digit, as "
-            "results of other processors do"
+            f", and {options.result} differs by at most one unit of the last digit (times are not "
+            "compared)"
         )
     print("\n".join(problems) or fine)
     return 1 if problems else 0

@@ -173,6 +173,8 @@ def stream(
         HandbenchError: an unknown method or parameter, or, from the function, samples that do not
             fit.
     """
+    import numpy as np
+
     from handbench.bench.pipeline.image import prepare
     from handbench.radar.data.capture import RadarCapture, as_complex64
     from handbench.radar.imaging.api import always_planned
@@ -194,7 +196,7 @@ def stream(
 
     def image(samples: np.ndarray) -> Depth:
         nonlocal begun
-        echoes = RadarCapture(as_complex64(samples)[None], asked_hz, array)
+        echoes = RadarCapture(as_complex64(np.asarray(samples))[None], asked_hz, array)
         if not begun:  # what does not change from frame to frame is checked once
             prepare(echoes, chosen, config)
             begun = True

@@ -82,8 +82,8 @@ def _adapter(folder: Path) -> type[NativeCapture] | None:
 
 
 def foreign() -> dict[str, type[NativeCapture]]:
-    """Return the classes of the captures that can be imported, by the name of their data set. Their
-    import takes as long as that of all other readers."""
+    """Return the classes of the captures that can be imported, by the name of their data set. They
+    are imported here, because their import takes as long as that of all other readers."""
     from handbench.bench.datasets.mapped_capture import MappedCapture
     from handbench.bench.datasets.maroon import MaroonCapture
 

@@ -71,7 +71,7 @@ class CheckedCapture:
     about: its description (None: unreadable). frequencies_hz [f]: its tones. frames: number of its
     frames (None: any). scored: whether it can be scored (without, with) a transform from a
     calibration. lacks: files that a calibration needs and that it does not have. times_s [f]: when
-    its tones are measured (None: unknown).
+    its tones are measured (None: unknown). refused: whether a file with a surface cannot be read.
     """
 
     about: CaptureFile | None = None
@@ -80,12 +80,15 @@ class CheckedCapture:
     scored: tuple[bool, bool] = (True, True)
     lacks: tuple[str, ...] = ()
     times_s: np.ndarray | None = None
+    refused: bool = False
 
     @property
     def use(self) -> str:
         """What the capture can be used for, and what is missing to compare its depths; "" for a
         capture of the calibration target and for one that cannot be read."""
-        if self.about is None or self.about.kind == "target" or self.frequencies_hz is None:
+        if self.about is None or self.frequencies_hz is None or self.refused:
+            return ""
+        if self.about.kind == "target":
             return ""
         if self.scored[0]:
             return "can be imaged, and its depths can be compared with its surface"
@@ -180,6 +183,7 @@ def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedC
         (true or (measured and carried), true or measured),
         lacks,
         None if echoes is None else echoes.times_s,
+        None in surfaces.values(),
     )
 
 

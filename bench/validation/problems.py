@@ -23,6 +23,9 @@ from handbench.support.files import read_json
 
 Location = tuple[str | int, ...]
 NAME = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""  # of a key of TOML
+LONGEST = (
+    1 << 20
+)  # characters of a JSON text whose lines are found: its tree takes 400 times as much
 KEYS = rf"({NAME}(?:\s*\.\s*{NAME})*)\s*"
 TOML_LINE = re.compile(rf"\s*(?:(\[\[?)\s*{KEYS}\]\]?\s*(?:#|$)|{KEYS}=)")  # [table] or key =
 
@@ -35,7 +38,10 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
     that begin a line are found, and in JSON all keys and list items.
     """
     if not toml:
-        python = text.lstrip("\ufeff").replace("\\/", "/")  # the one escape that Python lacks
+        if len(text) > LONGEST:
+            return {}
+        # the one escape that Python lacks
+        python = re.sub(r"(\\\\)|\\/", lambda found: found[1] or "/", text.lstrip("\ufeff"))
         try:
             return dict(_json_lines(ast.parse(f"({python}\n)", mode="eval").body, ()))
         except (SyntaxError, ValueError, RecursionError, MemoryError):  # nested too deeply
@@ -47,10 +53,13 @@ def lines_of(text: str, toml: bool = True) -> dict[Location, int]:
         if found := TOML_LINE.match(line):
             opened, header, key = found.groups()
             place = () if header else table
-            for name in (names := re.findall(NAME, header or key)):
+            names = re.findall(NAME, header or key)
+            for i, name in enumerate(names, 1):
                 place = (*place, name.strip("\"'"))
-                counts[place] += opened == "[[" and name is names[-1]
-                place += (counts[place] - 1,) if header and counts[place] else ()
+                counts[place] += opened == "[[" and i == len(names)
+                if header and counts[place]:
+                    lines.setdefault(place, number)  # of the list as a whole
+                    place = (*place, counts[place] - 1)
             table = place if header else table
             lines.setdefault(place, number)
     return lines

@@ -95,7 +95,7 @@ def _power(
     """Power |Σ_f s_f exp(2πi f p/c)|² of each channel's samples [f, n] at its paths p [z, n]. It is
     computed at path lengths step_m apart, and linear in between."""
     first_m = paths_m.min()
-    lengths_m = first_m + step_m * np.arange(2 + np.ptp(paths_m) // step_m)
+    lengths_m = first_m + step_m * np.arange(3 + np.ptp(paths_m) // step_m)
     parts = np.array_split(lengths_m, 1 + len(lengths_m) // LENGTHS)
     waves = (np.multiply.outer(part / SPEED_OF_LIGHT_M_S, waves_hz) for part in parts)
     at_lengths = np.concatenate([np.abs(np.exp(2j * np.pi * w) @ samples) ** 2 for w in waves])

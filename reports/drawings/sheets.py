@@ -21,10 +21,10 @@ from handbench.support.files import atomic_path
 
 INCH_MM = 25.4
 # printers leave up to 6.4 mm white
-MARGIN_MM, FOOTER_MM = (7.0, 14.0)
+MARGIN_MM, FOOTER_MM = (7.0, 20.0)
 BAR_MM = 100.0
 LARGEST_MM = 5000.0  # a PDF's page ends at 5080 mm
-LEAST_WIDTH_MM = 200.0  # of a page: the bar, and the title next to it
+LEAST_WIDTH_MM = 200.0  # of a page: the bar, and lines of text
 STYLE: dict[RcKeyType, object] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
     "font.size": 6.5,
@@ -61,14 +61,15 @@ def sheet(
         figure = Figure(figsize=(page_mm[0] / INCH_MM, page_mm[1] / INCH_MM))
         paint(_axes(figure, page_mm, ((page_mm[0] - width) / 2, MARGIN_MM + FOOTER_MM), size_mm))
         page = _axes(figure, page_mm, (0.0, 0.0), page_mm)
-        left, bottom, right = MARGIN_MM + 6, MARGIN_MM + 1.5, page_mm[0] - MARGIN_MM - 6
+        left, bottom = MARGIN_MM + 6, MARGIN_MM + 1.5
         line(page, [left, left + BAR_MM], [bottom, bottom], 0.6).set_gid("scale-bar")
         for x in (left, left + BAR_MM):
             line(page, [x, x], [bottom, bottom + 2])
         bar = f"measure me: {BAR_MM:.1f} mm; print at 100 %"
         page.text(left + BAR_MM / 2, bottom + 3, bar, ha="center", fontsize=8)
-        page.text(right, MARGIN_MM + 5.4, _plain(title), ha="right", weight="bold")
-        page.text(right, MARGIN_MM + 2, _plain(note), ha="right")
+        # above the bar, which may be as wide as the page
+        page.text(left, bottom + 12.4, _plain(title), weight="bold")
+        page.text(left, bottom + 9, _plain(note))
     return figure
 
 

@@ -25,7 +25,7 @@ from handbench.reports.figures.style import (
 from handbench.reports.tables.blocks import error_text, is_known, seconds_text
 
 LINE_IN = 0.165  # of a legend
-LABEL_SHARE = np.array([0.03, 0.03])  # of the axes' width and height that a label takes
+LABEL_SHARE = np.array([0.05, 0.03])  # of the axes' width and height that a label takes
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
@@ -144,7 +144,7 @@ def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float,
     places = axis.transAxes.inverted().transform(axis.transData.transform(points))
     groups: list[list[int]] = []
     for i, place in enumerate(places):
-        near = (g for g in groups if (np.abs(place - places[g[-1]]) < LABEL_SHARE).all())
+        near = (g for g in groups if (np.abs(place - places[g[0]]) < LABEL_SHARE).all())
         if (group := next(near, None)) is None:
             groups.append([i])
         else:

@@ -12,6 +12,7 @@ from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import (
     NONE,
     error_text,
+    figure,
     is_known,
     number,
     rounded,
@@ -78,7 +79,7 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             numbers.get(s.name)
             or ("front" if s.on_front else titles.get(s.dominated_by, s.dominated_by) or NONE),
             error_text(s),
-            number(s.seen_percent, 2),
+            figure(s.seen_percent, None, None, "%"),
             seconds_text(s),
             rounded(s.ratio),
             f"{s.operations:.2g}" if is_known(s.operations) else NONE,

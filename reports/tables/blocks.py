@@ -241,7 +241,13 @@ def settings_table(
     error = f"{section.metric} ({section.unit})"
     heads = ["setting", error, "seen (%)", "time (s)", "× reference"]
     rows: list[tuple[str, ...]] = [
-        (s.title, error_text(s), number(s.seen_percent, 2), seconds_text(s), rounded(s.ratio))
+        (
+            s.title,
+            error_text(s),
+            figure(s.seen_percent, None, None, "%"),
+            seconds_text(s),
+            rounded(s.ratio),
+        )
         for s in settings
     ]
     if {row[2] for row in rows} <= {NONE}:

@@ -72,6 +72,7 @@ LINES = {
     "top": 2,
     "one.two": 5,
     "one.two.key.a": 6,
+    "list": 8,
     "list.0": 8,
     "list.0.a": 9,
     "list.1.a": 11,

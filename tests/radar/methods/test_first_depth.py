@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.first_depth import first_depth_m, with_first_depth
 from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
@@ -53,3 +53,19 @@ def test_noise_has_no_first_depth(tones_hz):
     config = TwoToneConfig(**PIXELS, first_depth_m="auto")
     with pytest.raises(HandbenchError, match="no echo stands out from the noise"):
         with_first_depth(capture, config)
+
+
+@pytest.mark.parametrize("count", [22, 75, 127])
+def test_a_scan_whose_paths_are_whole_steps_has_a_first_depth(count):
+    """Transmitter and receiver share a place, so that all paths are multiples of the profile's
+    step, and rounding decides in which step the last one is."""
+    places_m = np.stack([*np.meshgrid(*[np.linspace(-0.05, 0.05, 6)] * 2), np.zeros((6, 6))], -1)
+    scan, tones_hz = PlanarScan(places_m.reshape(-1, 3)), 60e9 + 25e6 * np.arange(count)
+    path_m = 2 * np.linalg.norm(scan.position_m - [0, 0, 0.4], axis=1)
+    samples = np.exp(-2j * np.pi * np.multiply.outer(tones_hz, path_m / SPEED_OF_LIGHT_M_S))
+    capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, scan)
+    config = method("3fsk").configure({}, "test")
+    found_m = first_depth_m(capture, config)
+    assert (
+        found_m is not None and abs(found_m - 0.4) < SPEED_OF_LIGHT_M_S / 2 / np.ptp(tones_hz) / 2
+    )

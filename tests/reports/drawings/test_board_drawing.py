@@ -102,7 +102,7 @@ def test_descriptions_are_written_and_drawn(tmp_path):
     for drawing in ("target.pdf", "board.pdf"):
         draw((tmp_path / drawing).with_suffix(".toml"), "-o", tmp_path / drawing)
     [page] = re.findall(rb"/MediaBox \[([^]]*)\]", (tmp_path / "board.pdf").read_bytes())
-    assert np.array(page.split(), float) == pytest.approx(np.array([0, 0, 410, 322]) * 72 / INCH_MM)
+    assert np.array(page.split(), float) == pytest.approx(np.array([0, 0, 410, 328]) * 72 / INCH_MM)
 
 
 @pytest.mark.parametrize("legacy", [False, True])

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
+from matplotlib.figure import Figure
 
 from handbench.bench import results
+from handbench.reports.figures import fronts
 from handbench.reports.page import html, rendering, tradeoff_section
 from handbench.support.errors import HandbenchError
 from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
@@ -47,3 +51,13 @@ def test_a_result_shows_the_sweep_that_it_holds_or_is_given(tmp_path, monkeypatc
     page = html.build(folder, tmp_path / "out", None if inside else sweep)
     text = page.read_text(encoding="utf-8")
     assert 'href="#tradeoff"' in text and 'id="sweep-imaging"' in text and "table" in text
+
+
+def test_points_that_lie_together_share_a_label():
+    """One point per decade would have its own; the second, third and fifth lie together."""
+    axis = Figure().subplots()
+    axis.set(xscale="log", yscale="log", xlim=(1e-3, 1), ylim=(0.1, 10))
+    places = [(2e-3, 5.0), (0.1, 1.0), (0.101, 1.0), (0.1015, 3.0), (0.102, 1.01)]
+    settings = [SimpleNamespace(seconds=s, error=e) for s, e in places]
+    expected = [("1", places[0]), ("2–3, 5", places[1]), ("4", places[3])]
+    assert list(fronts._labels(axis, settings)) == expected
