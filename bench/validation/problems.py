@@ -23,9 +23,8 @@ from handbench.support.files import read_json
 
 Location = tuple[str | int, ...]
 NAME = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""  # of a key of TOML
-LONGEST = (
-    1 << 20
-)  # characters of a JSON text whose lines are found: its tree takes 400 times as much
+# characters of a JSON text whose lines are found: its tree takes 400 times as much memory
+LONGEST = 1 << 20
 KEYS = rf"({NAME}(?:\s*\.\s*{NAME})*)\s*"
 TOML_LINE = re.compile(rf"\s*(?:(\[\[?)\s*{KEYS}\]\]?\s*(?:#|$)|{KEYS}=)")  # [table] or key =
 

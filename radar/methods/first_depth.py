@@ -73,10 +73,8 @@ def _by_range_profile(
     cell_m = range_cell_m(waves_hz)
     end_m = min(range_period_m(waves_hz), FARTHEST_M)
     depths_m = np.arange(NEAREST_M, max(end_m, NEAREST_M + cell_m), cell_m / 4)
-    before_m = np.zeros((len(depths_m), 1, 3))
-    before_m[..., 2] = depths_m[:, None]
-    middle_m = (tx_m + rx_m) / 2 + before_m
-    paths_m = np.linalg.norm(middle_m - tx_m, axis=2) + np.linalg.norm(middle_m - rx_m, axis=2)
+    before_m = (tx_m + rx_m) / 2 + np.multiply.outer(depths_m, [0, 0, 1])[:, None]
+    paths_m = np.linalg.norm(before_m - tx_m, axis=2) + np.linalg.norm(before_m - rx_m, axis=2)
     power = _power(samples, waves_hz, paths_m, cell_m / 4).sum(axis=1)
     # what leaks from transmitter to receiver falls from the first depth on, and is no peak
     inner = power[1:-1]

@@ -219,8 +219,9 @@ def number(value: float | None, places: int) -> str:
 
 
 def rounded(value: float | None) -> str:
-    """Format a number with three significant digits; a missing number is a dash."""
-    return number(value, three_digits(value))
+    """Format a number with three significant digits, but at most six decimals; a missing number
+    is a dash."""
+    return number(value, _digits(value, 3) if value and is_known(value) else 0)
 
 
 def error_text(setting: Setting) -> str:
@@ -269,12 +270,6 @@ def decimals(value: float, low: float | None, high: float | None, unit: str) -> 
     else:
         places = _digits(value, 2)
     return max(places, 1) if unit == "mm" else places
-
-
-def three_digits(value: float | None) -> int:
-    """Return the number of decimals that show three significant digits of a value, at most six; 0
-    for zero or an unknown value."""
-    return _digits(value, 3) if value and is_known(value) else 0
 
 
 def _digits(value: float, digits: int) -> int:
