@@ -249,7 +249,7 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
     real parts above the imaginary parts.
     """
     nodes, n_a = table.shape[2], len(spread)
-    at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2 * n_a, n), np.float32)
+    at_nodes, factors = np.empty((2, nodes, n), np.float32), np.empty((3, 2, n_a, n), np.float32)
     for power in range(3):
         for p in range(n):
             one, two, three = corner[0, start + p], corner[1, start + p], corner[2, start + p]
@@ -261,11 +261,9 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
                     + s3 * table[three, power, i]
                 )
                 at_nodes[0, i, p], at_nodes[1, i, p] = mixed.real, mixed.imag
-        factors[power, :n_a], factors[power, n_a:] = (
-            np.dot(spread, at_nodes[0]),
-            np.dot(spread, at_nodes[1]),
-        )
-    return factors
+        for part in range(2):
+            np.dot(spread, at_nodes[part], factors[power, part])
+    return factors.reshape(3, 2 * n_a, n)
 
 
 @njit(**FAST)

@@ -218,7 +218,9 @@ def evaluate(  # type: ignore[no-untyped-def]
     points = np.empty((3, n))  # contiguous: the loops over points become vector code
     for start in range(0, count, n):
         held = min(count - start, n)
-        points[:, :held], points[:, held:] = points_m[:, start : start + held], points_m[:, -1:]
+        for p in range(n):
+            for axis in range(3):
+                points[axis, p] = points_m[axis, min(start + p, count - 1)]
         common = np.zeros(n)
         delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
         differences(
@@ -257,8 +259,10 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
     samples [2, a, b]: S; stacked [2a, 2b] and u [2a, p]: scratch arrays.
     """
     n_a, n_b = samples.shape[1:]
-    stacked[:n_a, :n_b], stacked[n_a:, n_b:] = samples[0], samples[0]
-    stacked[n_a:, :n_b], stacked[:n_a, n_b:] = samples[1], -samples[1]
+    for i in range(n_a):  # loops, since slices take seconds to compile
+        for j in range(n_b):
+            stacked[i, j] = stacked[n_a + i, n_b + j] = samples[0, i, j]
+            stacked[n_a + i, j], stacked[i, n_b + j] = samples[1, i, j], -samples[1, i, j]
     np.dot(stacked, b, u)
     out = np.zeros((2, a.shape[1]), np.float32)
     for i in range(n_a):

@@ -235,9 +235,10 @@ def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore
             nearness = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
             gains[p, a], axial[a] = nearness, -dz * nearness
             obliquity[a] = (nx * dx + ny * dy + nz * dz) * nearness
+        row = gains[p]
         if obliquity.min() >= GRAZING:
-            gains[p] *= np.sqrt(obliquity)
+            row *= np.sqrt(obliquity)
         if pattern != 0.0 and axial.min() >= least:
-            gains[p] *= axial**pattern
-        gains[p] /= np.sqrt(np.mean(gains[p] ** 2))
+            row *= axial**pattern
+        row /= np.sqrt(np.mean(row**2))
     return gains

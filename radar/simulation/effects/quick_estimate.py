@@ -161,7 +161,7 @@ def near_outlines(  # type: ignore[no-untyped-def]
     """
     ways, places = outline_m - view_m, position_m - view_m
     near = np.zeros(len(places), np.bool_)
-    lengths = np.sqrt((ways * ways).sum(axis=1))
+    lengths = np.sqrt(ways[:, 0] ** 2 + ways[:, 1] ** 2 + ways[:, 2] ** 2)
     for p in range(len(places)):
         x, y, z = places[p, 0], places[p, 1], places[p, 2]
         length, level = (

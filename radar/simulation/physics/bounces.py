@@ -129,9 +129,10 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
         for i in range(3):
             way, far = direction(minus(vec(patches.corners_m[patch, i]), antenna))
             late[i] = far - distance
-            corners[i] = patches.corners_m[patch, i]
+            corners[i, 0], corners[i, 1], corners[i, 2] = vec(patches.corners_m[patch, i])
             rays[i, 0], rays[i, 1], rays[i, 2] = mirrored(way, vec(patches.normals[patch, i]))
-        tubes.points_m[n] = patches.middle_m[patch]
+        for axis in range(3):
+            tubes.points_m[n, :, axis] = point[axis]
         tubes.length_m[n] = tubes.root_m2[n] = 0.0
         crossed, twice_m2, missed = 0, 1.0, False
         for b in range(bounces):
@@ -166,7 +167,8 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             point = end
             for axis in range(3):
                 tubes.points_m[n, b + 1, axis], tubes.normal[n, axis] = point[axis], normal[axis]
-        tubes.longer_m[n] = late
+        for i in range(3):
+            tubes.longer_m[n, i] = late[i]
         # of the path per metre along the surface
         rise = minus(ray, direction(minus(antenna, point))[0])
         if missed or norm(ahead(rise, -dot(rise, normal), normal)) > STEEPEST:
@@ -178,7 +180,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
         tubes.caustics[n] = crossed
 
 
-@njit(inline="always")
+@njit(**FAST)
 def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
     """Return the share, 0 to 1, of the incident field that a convex patch reflects as a ray. Near
     grazing incidence it is less than 1, since creeping waves carry the rest."""
@@ -205,7 +207,7 @@ def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[
     return ahead_of * ahead_of * (3 - 2 * ahead_of)
 
 
-@njit(inline="always")
+@njit(**FAST)
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
     """Reflect the rays through the corners of a footprint at the normals of the smooth surface
     there, extrapolated beyond the face. The reflected directions are written to `rays`. Returns
@@ -229,7 +231,7 @@ def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
 
-@njit(inline="always")
+@njit(**FAST)
 def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
     """Return the unit normal [3] at a point in the plane of a triangle, interpolated between the
     normals at its corners (both [3, 3]). Outside the triangle it is extrapolated, with barycentric

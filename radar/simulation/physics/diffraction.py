@@ -225,7 +225,7 @@ def _waves(  # type: ignore[no-untyped-def]
     )
     middles = np.ascontiguousarray(middle_m.T.astype(np.float32)), within_m.astype(np.float32)
     scratch, points = (
-        np.empty((5, np.diff(starts).max()), np.float32),
+        np.empty((5, (starts[1:] - starts[:-1]).max()), np.float32),
         position_m.astype(np.float32),
     )
     for cell in range(len(starts) - 1):

@@ -105,7 +105,19 @@ def tubes_around(
         np.empty((n, 3, 3)),
         np.zeros(n, np.int8),
     )
-    tubes = Tubes(*hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
+    faces = np.ascontiguousarray(hits.faces)  # else kernels are compiled for both layouts
+    tubes = Tubes(
+        hits.transmitter,
+        hits.patch,
+        faces,
+        points_m,
+        normal,
+        length_m,
+        root_m2,
+        edge_m,
+        longer_m,
+        caustics,
+    )
     land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
 
