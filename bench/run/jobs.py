@@ -33,6 +33,7 @@ from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.dense_stage import CLOUD
 from handbench.groundtruth.mesh_stage import MESH, VIEW
+from handbench.groundtruth.options import Quality
 from handbench.radar.imaging.device import current_device
 from handbench.radar.methods.registry import method_key
 from handbench.radar.simulation.causes import Noise
@@ -98,11 +99,12 @@ def inspection(capture: RunCapture) -> Stage:
     return Stage("inspect", resolve_name(INSPECT), given, [capture.key], capture.name)
 
 
-def clouds(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds:
+def clouds(capture: RunCapture, quality: Quality, seed: int, work: Path) -> Clouds:
     """Return the three stages that reconstruct a capture's photographs: cameras (sparse), point
     cloud (dense) and mesh.
-    work: folder of all stages. Raises HandbenchError if the capture has no photographs."""
-    photos, options = photographs(capture.folder, bench.groundtruth.quality, bench.seed)
+    quality, seed: of the reconstruction; work: folder of all stages. Raises HandbenchError if the
+    capture has no photographs."""
+    photos, options = photographs(capture.folder, quality, seed)
     return pipeline.stages(work, photos, options, [capture.key], capture=capture.name)
 
 
@@ -126,7 +128,7 @@ def meshing(bench: BenchFile, capture: RunCapture, work: Path) -> Clouds | None:
     data = open_capture(capture.folder)
     carried = bool(bench.calibration) or data.transform() is not None
     return (
-        clouds(bench, capture, work)
+        clouds(capture, bench.groundtruth.quality, bench.seed, work)
         if carried and data.photos is not None and data.mesh() is None
         else None
     )

@@ -16,6 +16,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.jobs import scene_of
+from handbench.bench.run.photogrammetry import TARGET_QUALITY
 from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep, known_configs, motion_settings
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, EFFORT_SHARES, predict_effort
@@ -148,7 +149,8 @@ def _of_capture(bench: BenchFile, base: Path, source: Origin) -> dict[Part, Work
             if "accuracy" not in getattr(source, "measures", ("accuracy",)):
                 scene = scene.model_copy(update={"photos": None})
             name, made_s, (count, megapixels) = scene.name, simulating_s(scene), _photos(scene)
-        mesh_s, size = predict_effort(count, megapixels, bench.groundtruth.quality)
+        quality = bench.groundtruth.quality if isinstance(source, Source) else TARGET_QUALITY
+        mesh_s, size = predict_effort(count, megapixels, quality)
         predicted = {("simulate", name, ""): Work(STAGE_S + made_s)}
         for stage, share in EFFORT_SHARES.items():
             predicted[stage, name, ""] = Work(share * mesh_s, size)

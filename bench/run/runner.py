@@ -25,6 +25,7 @@ from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, requir
 from handbench.bench.run.calibrate_stage import REGISTRATION
 from handbench.bench.run.executors import HASH
 from handbench.bench.run.outcome import Line, Outcome, RunCapture, recorded_failure
+from handbench.bench.run.photogrammetry import TARGET_QUALITY
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING
 from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.simulate_stage import CAPTURE
@@ -190,7 +191,10 @@ class Run:
         benchmark calibrates, and for each capture the stage that makes its mesh. Raises
         HandbenchError if the photographs of a calibration capture cannot be reconstructed."""
         clouds, targets = (
-            [plan.clouds(self.bench, target, self.work) for target in self.targets],
+            [
+                plan.clouds(target, TARGET_QUALITY, self.bench.seed, self.work)
+                for target in self.targets
+            ],
             len(self.targets),
         )
         calibration = (

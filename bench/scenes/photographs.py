@@ -92,14 +92,13 @@ class Studio:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
         white. Defocus is included; blur, motion and noise are not. Pixels at edges are means of
         several rays."""
-        directions = np.empty((camera.height, camera.width, 3))
+        directions = camera.ray_directions()
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
             np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32)
         )
         for top in range(0, camera.height, ROWS):
             part = slice(top, top + ROWS)
-            directions[part] = camera.ray_directions(part)
             radiance[part], distance_m[part], label[part] = self.shoot(
                 camera.centre_m, directions[part]
             )

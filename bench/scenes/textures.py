@@ -216,7 +216,8 @@ class Skin:
         fold = np.maximum(lines, _folds(self.creases, points_m, wobble_m))
         reflectance *= (1 - CREASE_DEPTH * self.contrast * fold)[:, None].astype(np.float32)
         for bone, radius_m in self.nails:
-            near = np.nonzero(np.linalg.norm(points_m - bone.end_m, axis=1) < bone.length_m)[0]
+            off_m = points_m - bone.end_m
+            near = np.nonzero(np.einsum("ij,ij->i", off_m, off_m) < bone.length_m**2)[0]
             reflectance[near] *= _nail(bone, radius_m, points_m[near])
         return reflectance
 
@@ -244,12 +245,34 @@ def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) ->
     [n]: displacement of the creases at each point, so that they are not straight."""
     fold = np.zeros(len(points_m))
     for crease in creases:
-        relative = points_m - crease.centre_m
-        near = np.nonzero(np.einsum("ij,ij->i", relative, relative) < crease.reach_m**2)[0]
-        across_m = relative[near] @ crease.axis + wobble_m[near]
-        side = np.clip((relative[near] @ crease.palmar) / (0.35 * crease.reach_m), 0, 1)
-        fold[near] = np.maximum(fold[near], side * np.exp(-((across_m / CREASE_WIDTH_M) ** 2)))
+        _add_crease(
+            points_m, wobble_m, crease.centre_m, crease.axis, crease.palmar, crease.reach_m, fold
+        )
     return fold
+
+
+@njit(nogil=True, cache=True)
+def _add_crease(
+    points_m: np.ndarray,
+    wobble_m: np.ndarray,
+    centre_m: np.ndarray,
+    axis: np.ndarray,
+    palmar: np.ndarray,
+    reach_m: float,
+    fold: np.ndarray,
+) -> None:
+    """Raise `fold` [n] to the strength of one crease (see `Crease`) at points [n, 3]."""
+    for n in range(len(points_m)):
+        x, y, z = (
+            points_m[n, 0] - centre_m[0],
+            points_m[n, 1] - centre_m[1],
+            points_m[n, 2] - centre_m[2],
+        )
+        if x * x + y * y + z * z < reach_m**2:
+            across_m = x * axis[0] + y * axis[1] + z * axis[2] + wobble_m[n]
+            side = (x * palmar[0] + y * palmar[1] + z * palmar[2]) / (0.35 * reach_m)
+            strength = min(max(side, 0.0), 1.0) * np.exp(-((across_m / CREASE_WIDTH_M) ** 2))
+            fold[n] = max(fold[n], strength)
 
 
 def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
@@ -264,19 +287,21 @@ def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.
     distance_mm = np.full(len(flat_mm), np.inf)
     for line in PALM_LINES_MM:
         for start, end in itertools.pairwise(line):
-            distance_mm = np.minimum(
-                distance_mm, _to_segment(flat_mm, np.array(start), np.array(end))
-            )
+            _approach(flat_mm, np.array(start, float), np.array(end, float), distance_mm)
     fold = np.zeros(len(radial_distal_palmar))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
     return fold
 
 
-def _to_segment(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Compute the distance [n] of points [n, 2] in a plane to the segment from `start` to `end`."""
-    along = end - start
-    t = np.clip((points - start) @ along / (along @ along), 0, 1)
-    return np.linalg.norm(points - start - t[:, None] * along, axis=1)
+@njit(nogil=True, cache=True)
+def _approach(points: np.ndarray, start: np.ndarray, end: np.ndarray, distance: np.ndarray) -> None:
+    """Lower `distance` [n] to the distance of points [n, 2] in a plane to the segment from `start`
+    to `end`, where that is less."""
+    along, across = end[0] - start[0], end[1] - start[1]
+    for n in range(len(points)):
+        x, y = points[n, 0] - start[0], points[n, 1] - start[1]
+        t = min(max((x * along + y * across) / (along * along + across * across), 0.0), 1.0)
+        distance[n] = min(distance[n], np.sqrt((x - t * along) ** 2 + (y - t * across) ** 2))
 
 
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:

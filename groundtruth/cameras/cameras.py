@@ -8,11 +8,14 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from pydantic import Field, field_validator
 
 from handbench.support.config import Config, FileName, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
+
+NODES = 24  # per side of a picture, between which lens distortion is interpolated
 
 
 def load_pycolmap() -> ModuleType:
@@ -125,23 +128,33 @@ class Camera(Config):
             self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m)
         )
 
-    def ray_directions(self, rows: slice = slice(None)) -> np.ndarray:
+    def ray_directions(self) -> np.ndarray:
         """Compute the viewing directions of all pixels of the picture.
 
-        rows: compute only these rows. Returns unit vectors [rows, width, 3] in the world frame,
-        through the pixels' centres, corrected for lens distortion.
+        Returns unit vectors [height, width, 3] in the world frame, through the pixels' centres,
+        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES pixels, between
+        which polynomials interpolate.
         """
-        u, v = np.meshgrid(np.arange(self.width) + 0.5, np.arange(self.height)[rows] + 0.5)
-        return self.directions(np.stack([u.ravel(), v.ravel()], axis=1)).reshape(*u.shape, 3)
-
-    def directions(self, pixels: np.ndarray) -> np.ndarray:
-        """Compute the viewing directions of pixels [n, 2], as unit vectors [n, 3] in the world
-        frame, corrected for lens distortion."""
-        xy = np.asarray(self.colmap().cam_from_img(pixels))
+        u, across = _chebyshev(self.width)
+        v, down = _chebyshev(self.height)
+        at_nodes = self.colmap().cam_from_img(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+        xy = np.asarray(at_nodes).reshape(NODES, NODES, 2)
+        x, y = (down @ xy[..., axis] @ across.T for axis in range(2))
         # of (x, y, 1), in place: there are millions
-        rays = xy @ self.rotation[:2] + self.rotation[2]
-        rays *= 1 / np.sqrt(1 + np.einsum("ij,ij->i", xy, xy))[:, None]
+        rays = x[..., None] * self.rotation[0]
+        rays += y[..., None] * self.rotation[1]
+        rays += self.rotation[2]
+        rays *= (1 / np.sqrt(1 + x * x + y * y))[..., None]
         return rays
+
+
+def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the NODES positions u from 0 to `count` at which a function of a pixel's position has
+    to be known, and the matrix [count, NODES] that interpolates it to the pixels' centres."""
+    nodes, degree = chebyshev.chebpts1(NODES), NODES - 1
+    centres = (2 * np.arange(count) + 1) / count - 1
+    basis = np.linalg.inv(chebyshev.chebvander(nodes, degree))
+    return (nodes + 1) / 2 * count, chebyshev.chebvander(centres, degree) @ basis
 
 
 class CameraFile(Config):
