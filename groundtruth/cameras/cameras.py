@@ -132,8 +132,8 @@ class Camera(Config):
         """Compute the viewing directions of all pixels of the picture.
 
         Returns unit vectors [height, width, 3] in the world frame, through the pixels' centres,
-        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES pixels, between
-        which polynomials interpolate.
+        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES pixels, and
+        polynomials interpolate between them.
         """
         u, across = _chebyshev(self.width)
         v, down = _chebyshev(self.height)

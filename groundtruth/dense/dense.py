@@ -116,13 +116,8 @@ def depth_maps(
         planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
         for i, half in enumerate(coarse)
     ]
-    first = Stereo.of(views[0], [views[s] for s in sources[0]])
     rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
-    say(
-        predict_cost(
-            views, first, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)
-        ).describe()
-    )
+    say(predict_cost(views, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
