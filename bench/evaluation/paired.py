@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
 from handbench.bench.evaluation.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
@@ -46,7 +46,9 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
             difference, difference, difference, 0.0 if abs(difference) > 1e-9 * size else 1.0
         )
     return Difference(
-        difference, *interval, float(2 * stats.t.sf(abs(difference) / spread * np.sqrt(n), n - 1))
+        difference,
+        *interval,
+        float(2 * special.stdtr(n - 1, -abs(difference) / spread * np.sqrt(n))),
     )
 
 
@@ -65,8 +67,8 @@ def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
         return Difference(difference, difference, difference, float(difference == 0))
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(a) - 1) + parts[1] ** 2 / (len(b) - 1))
     error = np.sqrt(sum(parts))
-    reach = float(stats.t.ppf(TAILS[1], freedom) * error)
-    p = float(2 * stats.t.sf(abs(difference) / error, freedom))
+    reach = float(special.stdtrit(freedom, TAILS[1]) * error)
+    p = float(2 * special.stdtr(freedom, -abs(difference) / error))
     return Difference(difference, difference - reach, difference + reach, p)
 
 
@@ -84,9 +86,9 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
         return Difference(0.0, 0.0, 0.0, 1.0)
     if not a or not b:
         return Difference(b - a)
-    ratio, f = b / a, stats.f(freedom_b, freedom_a)
-    p = 2 * min(f.cdf(ratio**2), f.sf(ratio**2))
-    low, high = (a * (ratio / f.ppf(tail) ** 0.5 - 1) for tail in TAILS[::-1])
+    ratio, freedom = b / a, (freedom_b, freedom_a)
+    p = 2 * min(special.fdtr(*freedom, ratio**2), special.fdtrc(*freedom, ratio**2))
+    low, high = (a * (ratio / special.fdtri(*freedom, tail) ** 0.5 - 1) for tail in TAILS[::-1])
     return Difference(b - a, float(low), float(high), float(min(p, 1)))
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import nctdtr, stdtrit
 
 from handbench.bench.evaluation.intervals import FEWEST
 from handbench.bench.evaluation.tables import LEVEL
@@ -98,12 +98,11 @@ def welch_power(effect: float, spreads: tuple[float, float], n: int, alpha: floa
 def _power(shift: float, freedom: float, alpha: float) -> float:
     """Return the probability that a noncentral t (noncentrality `shift`) is beyond Student's
     two-sided critical values at level alpha."""
-    reach = stats.t.isf(alpha / 2, freedom)
+    reach = -stdtrit(freedom, alpha / 2)
     if shift > reach + 37:  # the noncentral t of larger shifts is NaN
         return 1.0
-    return float(
-        stats.nct.sf(reach, freedom, shift) + np.nan_to_num(stats.nct.cdf(-reach, freedom, shift))
-    )
+    within = nctdtr(freedom, shift, reach) - np.nan_to_num(nctdtr(freedom, shift, -reach))
+    return float(1 - within)
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from handbench.calibration.echoes.channels import CaptureChannels
 from handbench.calibration.echoes.corrections import Corrections, Unknown
@@ -352,7 +352,7 @@ def _result(
     # flat and long targets bend the paths in other ways than points do
     few = noise_left or explained >= LEAST_EXPLAINED
     trusted = few and sharper_db > -BLURRED_DB
-    wide = WIDE_95 if noise_left else float(stats.t.ppf(0.975, max(count - 1, 1)))
+    wide = WIDE_95 if noise_left else float(special.stdtrit(max(count - 1, 1), 0.975))
     sigmas = np.sqrt(np.diag(covariance))
 
     def estimate(value: float, at: int, most: float) -> Estimate:

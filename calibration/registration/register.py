@@ -18,7 +18,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtrc, chdtri
 
 from handbench.calibration.registration.rigid_fit import Pairs, majority
 from handbench.calibration.spheres.ball_fit import fit_balls
@@ -131,7 +131,7 @@ class RigMotion:
     def probability(self) -> float:
         """p-value of the step: the probability that a rig at rest shows a step this large or
         larger."""
-        return float(chi2.sf(self.chi2, len(self.step)))
+        return float(chdtrc(len(self.step), self.chi2))
 
     @property
     def moved(self) -> bool:
@@ -152,7 +152,7 @@ class RigMotion:
         It follows from the confidence ellipsoid of the shift (Scheffé 1953): its radius along the
         estimated shift gives the lower end, its longest radius the upper end.
         """
-        reach, spread = np.sqrt(chi2.ppf(0.95, 3)), self.covariance[:3, :3]
+        reach, spread = np.sqrt(chdtri(3, 0.05)), self.covariance[:3, :3]
         along = self.step[:3] / max(self.shift_m, 1e-300)
         low = self.shift_m - reach * np.sqrt(along @ spread @ along)
         return max(0.0, float(low)), self.shift_m + float(

@@ -15,7 +15,7 @@ from math import ceil
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import (
@@ -29,7 +29,7 @@ from handbench.calibration.transforms import (
 from handbench.support.errors import HandbenchError
 
 # residuals beyond this many standard deviations lose weight
-HUBER = float(np.sqrt(chi2.ppf(0.99, 3)))
+HUBER = float(np.sqrt(chdtri(3, 0.01)))
 MAX_STEPS = 50
 SIDES = ("source_m", "target_m", "source_m2", "target_m2")
 SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further is the last
@@ -205,7 +205,7 @@ def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
             break
     freedom = 3 * len(pairs) - unknowns
     misfit = float(distances @ distances)
-    inflation = max(1.0, misfit / freedom) if misfit > chi2.ppf(0.99, freedom) else 1.0
+    inflation = max(1.0, misfit / freedom) if misfit > chdtri(freedom, 0.01) else 1.0
     whole = matrix.copy()
     whole[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
     return RigidFit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
@@ -289,7 +289,7 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Rigi
         matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))
         if pairs.distances(matrix).max() <= GROSS:
             found = fit(pairs, with_scale)
-            if found.distances @ found.distances <= chi2.ppf(0.99, found.freedom):
+            if found.distances @ found.distances <= chdtri(found.freedom, 0.01):
                 return np.ones(
                     len(pairs), dtype=bool
                 ), found  # a pair far off would have raised χ² by its distance²
