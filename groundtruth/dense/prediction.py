@@ -15,7 +15,7 @@ TRIAL_PX, TRIAL_PLANES, TRIALS = 96, 64, 4
 # that an iteration tries at a pixel
 HYPOTHESES = len(patchmatch.DIRECTIONS) + patchmatch.PERTURBATIONS
 # processor time of large pictures relative to the trial's, measured on three dense stages
-SWEPT, MATCHED = (1.4, 0.19)
+SWEPT, MATCHED = (1.4, 0.3)
 # a pixel: depth and normal; picture, nearest and farthest depth, with the halved ones
 MAP_BYTES, VIEW_BYTES = (32, 15)
 SWEEP_BYTES = 4  # a plane and pixel
@@ -80,11 +80,7 @@ def _matches(sources: int, iterations: int) -> int:
     those in all source views for the current plane, and in the better half of them for each other
     plane tried."""
     half = max(1, sources // 2)
-    return (
-        sources
-        + iterations * (sources + HYPOTHESES * half)
-        + patchmatch.POLISHES * (sources + 2 * half)
-    )
+    return sources + iterations * (sources + HYPOTHESES * half) + (sources + 2 * half)
 
 
 def _rates(view: View, stereo: Stereo) -> tuple[float, float]:
