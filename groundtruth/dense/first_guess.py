@@ -17,6 +17,11 @@ STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the dispari
 MEDIAN_PX = 5
 # standard deviation, in the full view, of the smoothing before disparities are differentiated
 SLOPE_PX = 3.0
+# the same, of the smoothing before slopes are differentiated; largest second derivative
+CURVED_PX, MOST_CURVED = 5.0, 0.05
+# mean square distance, along each axis of the full view, of the pixels in a sweep's window and in
+# the median's
+FLATTENED_PX2 = ((2 * planesweep.WINDOW_RADIUS + 1) ** 2 - 1 + MEDIAN_PX**2 - 1) / 12 * 2**2
 # tangents of the angles, 56° and 76°, under which the planes of the other sweeps are seen
 INCIDENCES = (1.5, 4.0)
 SLANTS = tuple(
@@ -52,7 +57,7 @@ def first_guess(
     facing = _sweep(half, stereo, (0.0, 0.0), unit)
     if not slanted:
         disparity = cv2.resize(facing, (w, h), interpolation=cv2.INTER_LINEAR)
-        return _planes(disparity, *_slopes(disparity, SLOPE_PX))
+        return _raised(_planes(disparity, *_slopes(disparity, SLOPE_PX)))
     candidates = [_planes(facing / scale, *_slopes(facing / scale, SLOPE_PX / 2))]
     depth_m = 2 / np.nanmedian(1 / half.near_m + 1 / half.far_m)
     slope = 1 / (half.K[0, 0] * depth_m * stereo.unit)  # of the disparity, per pixel, at 45°
@@ -64,6 +69,19 @@ def first_guess(
     planes = _best(half, stereo, candidates)[y // 2, x // 2] * np.array([1, 0.5, 0.5]) * scale
     planes[..., 0] += planes[..., 1] * (x % 2 - 0.5) + planes[..., 2] * (y % 2 - 0.5)
     return planes.astype(np.float32)
+
+
+def _raised(planes: np.ndarray) -> np.ndarray:
+    """Return planes whose disparities are corrected for what flat windows take from those of a
+    convex surface: half the second derivatives times the window's mean square distances.
+
+    Where the texture is weak, PatchMatch keeps part of the error of its start: on fingers, some
+    hundredths of a millimetre of a tenth.
+    """
+    slope_x, slope_y = (cv2.GaussianBlur(planes[..., k], (0, 0), CURVED_PX) for k in (1, 2))
+    second = np.gradient(slope_x, axis=1) + np.gradient(slope_y, axis=0)
+    planes[..., 0] -= FLATTENED_PX2 / 2 * np.clip(second, -MOST_CURVED, MOST_CURVED)
+    return planes
 
 
 def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarray:

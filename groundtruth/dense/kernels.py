@@ -15,6 +15,7 @@ def compile_kernels() -> None:
         planesweep._correlate,
         planesweep._smooth,
         patchmatch._pass,
+        patchmatch.smoothed,
         patchmatch._polish,
         fusion._agree,
     )

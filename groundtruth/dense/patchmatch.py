@@ -27,16 +27,24 @@ ROW = np.repeat(np.append(ORDER, 0), LANES).astype(np.float32)
 COLUMN = np.tile(np.append(np.arange(-RADIUS, RADIUS + 1), 0), len(ORDER) + 1).astype(np.float32)
 NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2)).astype(np.float32)
 NEARNESS[2 * RADIUS + 1 :: LANES] = NEARNESS[len(ORDER) * LANES :] = 0
+# mean square distance of the window's pixels along each axis
+FLATTENED_PX2 = float((NEARNESS * COLUMN**2).sum() / NEARNESS.sum())
 # of the window that polishes, and of that which compares hypotheses
 SAMPLES, SEARCHED = (len(NEARNESS), 4 * LANES)
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
-POLISHES = 2
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
 PERTURBATIONS = 3
-BEND_PX = 3.0  # standard deviation of the slopes' smoothing before they are differentiated
-# disparities per pixel²: a third of a disparity at the ends of the window's middle row
-MOST_BENT = 0.08
+# of the neighbours that smooth a pixel's plane, every second one: standard deviation of their
+# weights, and the farthest
+SMOOTHED_PX, SMOOTHED_REACH = 3.0, 8
+WEIGHTS = np.exp(-((np.arange(SMOOTHED_REACH + 1) / SMOOTHED_PX) ** 2) / 2)
+ALL_WEIGHTS = (2 * WEIGHTS[::2].sum() - 1) ** 2
+# share of a pixel's neighbours that are on its surface, below which it is too near to the border
+SUPPORT = 0.67
+SINGULAR = 1e-5  # pixels², added to the variances of the neighbours' places
+APART_PX = 1.0  # of disparity, between a pixel and a neighbour on another surface
+MOST_BENT = 0.3  # disparities per pixel²
 WORST = 2.0  # a hypothesis that a source does not see
 # cost of a plane to begin with; share of a pixel's neighbours that must have such a one
 HOPEFUL, SHARE = (0.4, 0.02)
@@ -63,10 +71,12 @@ def refine(
     iterations; with 0, the planes are only evaluated and moved to the nearest cost minimum. seed:
     of the random variations.
 
+    The planes are then smoothed along the surface, freed from the bias of flat windows, and
+    polished with curved ones. Pixels too near to a surface's border get the cost WORST.
+
     After the first evaluation, pixels without well-matched neighbours are skipped: most of them
     show background, which matches at no allowed disparity.
     """
-    wanted = low <= high
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
     sides = (RADIUS, RADIUS + 1, RADIUS, RADIUS + 1)
     stereo = stereo._replace(
@@ -78,29 +88,75 @@ def refine(
         samples = SAMPLES if iteration == iterations else SEARCHED
         for colour in (0, 1):
             _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed, samples)
-    for _ in range(POLISHES):
-        _polish(stereo, planes, cost, cost < UNMATCHED, bends(planes, wanted))
-    return cost
+    matched = cost < UNMATCHED
+    planes[:], bends, support = smoothed(planes, matched)
+    # flat windows have found them
+    planes[..., 0] -= FLATTENED_PX2 / 2 * (bends[..., 0] + bends[..., 2])
+    _polish(stereo, planes, cost, matched, bends)
+    return np.where(support < SUPPORT, np.float32(WORST), cost)
 
 
-def bends(planes: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Compute the second derivatives [h, w, 3] of the disparity: per column², per column and row,
-    per row².
+@njit(cache=True, forceinline=True)
+def _clipped(bend: float) -> float:
+    return min(max(bend, -MOST_BENT), MOST_BENT)
 
-    planes [h, w, 3]: disparity and its slopes; wanted [h, w]: True at pixels that have a plane. The
-    derivatives curve the matching window to a paraboloid. A flat window on a convex surface gives a
-    depth that is too large in its middle, by half the curvature times the window's mean square:
-    some hundredths of a millimetre on a finger.
+
+@njit(parallel=True, cache=True, error_model="numpy")
+def smoothed(planes: np.ndarray, matched: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Smooth the planes [h, w, 3] (disparity and its slopes) of a curved surface, and compute the
+    second derivatives [h, w, 3] of the disparity (per column², per column and row, per row²) and
+    the share [h, w] of each pixel's neighbours that are on its surface.
+
+    matched [h, w]: True at pixels whose plane counts. The derivatives curve the matching window to
+    a paraboloid. A flat window on a convex surface gives a depth that is too large in its middle,
+    by half the curvature times the window's mean square: some hundredths of a millimetre on a
+    finger.
+
+    Slopes and derivatives are those of a weighted linear regression over the slopes of the
+    neighbours on the same surface (Fan & Gijbels 1996); the disparity is the mean of what these
+    paraboloids predict. Unlike the gradient of blurred slopes they are right up to a surface's
+    border. A paraboloid is returned as it is.
     """
-    weight = cv2.GaussianBlur(wanted.astype(np.float32), (0, 0), BEND_PX)
-    smooth = [
-        cv2.GaussianBlur(np.where(wanted, slope, 0), (0, 0), BEND_PX) / np.maximum(weight, 1e-6)
-        for slope in np.moveaxis(planes[..., 1:], -1, 0)
-    ]
-    (xy, xx), (yy, yx) = (np.gradient(slope) for slope in smooth)
-    return np.clip(np.stack([xx, (xy + yx) / 2, yy], axis=-1), -MOST_BENT, MOST_BENT).astype(
-        np.float32
-    )
+    h, w = matched.shape
+    smooth, bends = planes.copy(), np.zeros((h, w, 3), np.float32)
+    support = np.zeros((h, w), np.float32)
+    for row in prange(h):
+        y = int(np.int64(row))
+        for x in range(w):
+            if not matched[y, x]:
+                continue
+            n = x1 = y1 = xx = xy = yy = 0.0
+            u1 = ux = uy = v1 = vx = vy = level = 0.0
+            for dy in range(-SMOOTHED_REACH, SMOOTHED_REACH + 1, 2):
+                for dx in range(-SMOOTHED_REACH, SMOOTHED_REACH + 1, 2):
+                    i, j = y + dy, x + dx
+                    if not (0 <= i < h and 0 <= j < w and matched[i, j]):
+                        continue
+                    u, v = planes[i, j, 1], planes[i, j, 2]
+                    rise = planes[i, j, 0] - planes[y, x, 0]
+                    mean_rise = (dx * (planes[y, x, 1] + u) + dy * (planes[y, x, 2] + v)) / 2
+                    if abs(rise - mean_rise) > APART_PX:
+                        continue
+                    weight = WEIGHTS[abs(dx)] * WEIGHTS[abs(dy)]
+                    a, b = weight * dx, weight * dy
+                    n, x1, y1 = n + weight, x1 + a, y1 + b
+                    xx, xy, yy = xx + a * dx, xy + a * dy, yy + b * dy
+                    u1, ux, uy = u1 + weight * u, ux + a * u, uy + b * u
+                    v1, vx, vy = v1 + weight * v, vx + a * v, vy + b * v
+                    level += weight * (rise - dx * u - dy * v)
+            support[y, x] = n / ALL_WEIGHTS
+            x1, y1, u1, v1, xx, xy, yy = x1 / n, y1 / n, u1 / n, v1 / n, xx / n, xy / n, yy / n
+            cxx, cxy, cyy = xx - x1 * x1 + SINGULAR, xy - x1 * y1, yy - y1 * y1 + SINGULAR
+            determinant = cxx * cyy - cxy * cxy
+            ux, uy, vx, vy = ux / n - x1 * u1, uy / n - y1 * u1, vx / n - x1 * v1, vy / n - y1 * v1
+            per_xx = _clipped((cyy * ux - cxy * uy) / determinant)
+            per_yy = _clipped((cxx * vy - cxy * vx) / determinant)
+            per_xy = _clipped((cxx * uy - cxy * ux + cyy * vx - cxy * vy) / (2 * determinant))
+            bends[y, x] = per_xx, per_xy, per_yy
+            smooth[y, x, 0] += level / n + (per_xx * xx + 2 * per_xy * xy + per_yy * yy) / 2
+            smooth[y, x, 1] = u1 - per_xx * x1 - per_xy * y1
+            smooth[y, x, 2] = v1 - per_xy * x1 - per_yy * y1
+    return smooth, bends, support
 
 
 @njit(cache=True)

@@ -17,6 +17,9 @@ from handbench.groundtruth.photos.photos import Photo
 
 # kept around the region of interest, so that a matching window never leaves the picture
 BORDER_PX = 8
+# standard deviation of the blur of every picture. Interpolation averages the noise of neighbouring
+# pixels, so that without blur noise matches best half-way between pixels.
+BLUR_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,7 @@ def open_view(
     columns, rows = np.moveaxis(seen.astype(np.float32), -1, 0)
     shrunk = _shrink(photo.gray(), shrink)
     gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    gray = cv2.GaussianBlur(gray, (0, 0), BLUR_PX)
     near, far = (np.full(gray.shape, z) for z in depth_range_m)
     if box_m is not None:
         # where each ray enters and leaves: the slab method

@@ -1,28 +1,51 @@
-"""Windows that bend: second derivatives of the disparity."""
+"""Planes that are smoothed along the surface, and the second derivatives of the disparity."""
 
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.patchmatch import bends
+from handbench.groundtruth.dense.patchmatch import APART_PX, smoothed
 
 SIZE = 80
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE].astype(float)
-INSIDE = np.s_[12:-12, 12:-12]  # four standard deviations of the smoothing from the edges
-ALL = np.ones((SIZE, SIZE), bool)
+SECOND = (0.03, 0.01, -0.05)  # per column², column and row, row²
+DISC = np.hypot(ROW - SIZE / 2, COLUMN - SIZE / 2) < 20
+EVERYWHERE = np.ones((SIZE, SIZE), bool)
 
 
-def planes_of(xx=0.0, xy=0.0, yy=0.0, x=0.0, y=0.0):
+def planes_of(xx, xy, yy):
     """Disparity and its slopes [h, w, 3] of a paraboloid about the middle."""
     dx, dy = COLUMN - SIZE / 2, ROW - SIZE / 2
-    disparity = 20 + x * dx + y * dy + (xx * dx**2 + yy * dy**2) / 2 + xy * dx * dy
-    return np.stack([disparity, x + xx * dx + xy * dy, y + yy * dy + xy * dx], axis=-1).astype(
+    disparity = 20 + 0.3 * dx - 0.7 * dy + (xx * dx**2 + yy * dy**2) / 2 + xy * dx * dy
+    return np.stack([disparity, 0.3 + xx * dx + xy * dy, -0.7 + yy * dy + xy * dx], axis=-1).astype(
         np.float32
     )
 
 
-@pytest.mark.parametrize("second", [(0.0, 0.0, 0.0), (0.03, 0.01, -0.05)])
-def test_a_paraboloid_has_its_second_derivatives(second):
-    """Per column², column and row, row²; a symmetric smoothing leaves straight slopes as they are,
-    to 32 bits."""
-    found = bends(planes_of(*second, x=0.3, y=-0.7), ALL)[INSIDE]
-    np.testing.assert_allclose(found, np.broadcast_to(second, found.shape), atol=1e-5)
+@pytest.mark.parametrize("second", [(0.0, 0.0, 0.0), SECOND])
+@pytest.mark.parametrize("seen", [EVERYWHERE, DISC], ids=["everywhere", "disc"])
+@pytest.mark.parametrize("beside", ["unmatched", "apart"])
+def test_a_paraboloid_is_found_up_to_its_border(second, seen, beside):
+    """Also beside another surface, which is further away than APART_PX and not bent. Rounding:
+    disparities of some tens have 4e-6, slopes of some units less."""
+    true, matched = planes_of(*second), seen.copy()
+    planes = np.where(seen[..., None], true, np.float32((-50, 0, 0)))
+    if beside == "apart":
+        matched[:] = True
+    found, bends, _ = smoothed(planes, matched)
+    np.testing.assert_allclose(bends[seen], np.broadcast_to(second, (seen.sum(), 3)), atol=2e-5)
+    np.testing.assert_allclose(found[seen], true[seen], atol=1e-4)
+    assert np.abs(true[DISC, 0] + 50).min() > APART_PX
+
+
+def test_noise_of_planes_is_averaged():
+    """White noise of the planes; 1500 pixels, of which those 16 pixels apart are independent, know
+    a standard deviation to a tenth. The mean over Gaussian weights of 3 pixels, every second one,
+    has √(4/(4π 3²)) = 0.19 of it; the slopes' share of the disparity, 3 pixels times as much."""
+    draws, sigma = np.random.default_rng(3), 0.02
+    noisy = planes_of(0.0, 0.0, 0.0)
+    clean = noisy.copy()
+    noisy[..., 1:] += sigma * draws.standard_normal((SIZE, SIZE, 2)).astype(np.float32)
+    found, _, _ = smoothed(noisy, EVERYWHERE)
+    inside = np.s_[12:-12, 12:-12]
+    off = (found - clean)[inside][..., 1:].std()
+    assert 0.1 * sigma < off < 0.25 * sigma
