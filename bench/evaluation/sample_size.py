@@ -99,10 +99,9 @@ def _power(shift: float, freedom: float, alpha: float) -> float:
     """Return the probability that a noncentral t (noncentrality `shift`) is beyond Student's
     two-sided critical values at level alpha."""
     reach = -stdtrit(freedom, alpha / 2)
-    if shift > reach + 37:  # the noncentral t of larger shifts is NaN
-        return 1.0
-    within = nctdtr(freedom, shift, reach) - np.nan_to_num(nctdtr(freedom, shift, -reach))
-    return float(1 - within)
+    # NaN where it is too small for a number
+    below, above = np.nan_to_num(nctdtr(freedom, shift, np.array([-reach, reach])))
+    return float(1 - (above - below))
 
 
 def captures_needed(power_of: Callable[[int], float], power: float) -> int | None:

@@ -126,7 +126,8 @@ class DataSet(Config):
 
 
 class GroundTruth(Config):
-    """Options of the photogrammetric reconstruction that turns photographs into meshes."""
+    """Options of the photogrammetric reconstruction that turns the captures' photographs into
+    meshes. Those of a calibration target are always reconstructed at draft quality."""
 
     quality: Quality = "draft"
 

@@ -193,7 +193,7 @@ def settled(seconds: list[float]) -> bool:
     from scipy.special import bdtr
 
     n, ordered = len(seconds), sorted(seconds)
-    # so many may be below the interval, by the binomial distribution
+    # as many of n times may be below the interval, by the binomial distribution
     outer = int(np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), 0.025))
     if outer < 1:
         return False

@@ -261,7 +261,7 @@ def _add_crease(
     reach_m: float,
     fold: np.ndarray,
 ) -> None:
-    """Raise `fold` [n] to the strength of one crease (see `Crease`) at points [n, 3]."""
+    """Raise `fold` [n] to at least the strength of one crease (see `Crease`) at points [n, 3]."""
     for n in range(len(points_m)):
         x, y, z = (
             points_m[n, 0] - centre_m[0],
@@ -287,21 +287,23 @@ def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.
     distance_mm = np.full(len(flat_mm), np.inf)
     for line in PALM_LINES_MM:
         for start, end in itertools.pairwise(line):
-            _approach(flat_mm, np.array(start, float), np.array(end, float), distance_mm)
+            _lower_to_segment(flat_mm, np.array(start, float), np.array(end, float), distance_mm)
     fold = np.zeros(len(radial_distal_palmar))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
     return fold
 
 
 @njit(nogil=True, cache=True)
-def _approach(points: np.ndarray, start: np.ndarray, end: np.ndarray, distance: np.ndarray) -> None:
+def _lower_to_segment(
+    points: np.ndarray, start: np.ndarray, end: np.ndarray, distance: np.ndarray
+) -> None:
     """Lower `distance` [n] to the distance of points [n, 2] in a plane to the segment from `start`
     to `end`, where that is less."""
-    along, across = end[0] - start[0], end[1] - start[1]
+    dx, dy = end[0] - start[0], end[1] - start[1]
     for n in range(len(points)):
         x, y = points[n, 0] - start[0], points[n, 1] - start[1]
-        t = min(max((x * along + y * across) / (along * along + across * across), 0.0), 1.0)
-        distance[n] = min(distance[n], np.sqrt((x - t * along) ** 2 + (y - t * across) ** 2))
+        t = min(max((x * dx + y * dy) / (dx * dx + dy * dy), 0.0), 1.0)
+        distance[n] = min(distance[n], np.sqrt((x - t * dx) ** 2 + (y - t * dy) ** 2))
 
 
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:

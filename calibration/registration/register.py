@@ -131,7 +131,7 @@ class RigMotion:
     def probability(self) -> float:
         """p-value of the step: the probability that a rig at rest shows a step this large or
         larger."""
-        return float(chdtrc(len(self.step), self.chi2))
+        return float(chdtrc(len(self.step), max(self.chi2, 0.0)))
 
     @property
     def moved(self) -> bool:

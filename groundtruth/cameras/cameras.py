@@ -15,7 +15,7 @@ from handbench.support.config import Config, FileName, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
-NODES = 24  # per side of a picture, between which lens distortion is interpolated
+NODES = 24  # Chebyshev nodes along a side of a picture, for the interpolation of lens distortion
 
 
 def load_pycolmap() -> ModuleType:
@@ -132,29 +132,34 @@ class Camera(Config):
         """Compute the viewing directions of all pixels of the picture.
 
         Returns unit vectors [height, width, 3] in the world frame, through the pixels' centres,
-        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES pixels, and
-        polynomials interpolate between them.
+        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES positions, and
+        polynomials interpolate between them. Raises HandbenchError if COLMAP cannot remove it
+        everywhere.
         """
-        u, across = _chebyshev(self.width)
-        v, down = _chebyshev(self.height)
-        at_nodes = self.colmap().cam_from_img(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-        xy = np.asarray(at_nodes).reshape(NODES, NODES, 2)
-        x, y = (down @ xy[..., axis] @ across.T for axis in range(2))
-        # of (x, y, 1), in place: there are millions
-        rays = x[..., None] * self.rotation[0]
-        rays += y[..., None] * self.rotation[1]
-        rays += self.rotation[2]
-        rays *= (1 / np.sqrt(1 + x * x + y * y))[..., None]
+        (u, to_columns), (v, to_rows) = _chebyshev(self.width), _chebyshev(self.height)
+        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        xy = np.asarray(self.colmap().cam_from_img(pixels))
+        if not np.isfinite(xy).all():
+            raise HandbenchError(
+                f"camera {self.name}: COLMAP cannot undo the distortion in the corners of the "
+                "picture; check the parameters of its lens, or crop the pictures"
+            )
+        at_nodes = np.column_stack([xy, np.ones(len(xy))]) @ self.rotation
+        at_nodes /= np.linalg.norm(at_nodes, axis=1, keepdims=True)
+        rays = np.empty((self.height, self.width, 3))
+        for axis in range(3):
+            rays[..., axis] = to_rows @ at_nodes[:, axis].reshape(NODES, NODES) @ to_columns.T
+        rays /= np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))[..., None]
         return rays
 
 
 def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the NODES positions u from 0 to `count` at which a function of a pixel's position has
-    to be known, and the matrix [count, NODES] that interpolates it to the pixels' centres."""
+    """Return NODES Chebyshev positions from 0 to `count`, pixels, and the matrix [count, NODES]
+    that interpolates values there to the pixels' centres."""
     nodes, degree = chebyshev.chebpts1(NODES), NODES - 1
     centres = (2 * np.arange(count) + 1) / count - 1
-    basis = np.linalg.inv(chebyshev.chebvander(nodes, degree))
-    return (nodes + 1) / 2 * count, chebyshev.chebvander(centres, degree) @ basis
+    from_values = np.linalg.inv(chebyshev.chebvander(nodes, degree))
+    return (nodes + 1) / 2 * count, chebyshev.chebvander(centres, degree) @ from_values
 
 
 class CameraFile(Config):

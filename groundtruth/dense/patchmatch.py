@@ -20,17 +20,17 @@ from handbench.support.compiled import njit, prange
 # a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
 RADIUS = 3
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
-LANES = 8  # floats of a vector: a window's row is filled up to so many, with pixels of no weight
-ORDER = (-3, -1, 1, 3, -2, 0, 2)  # of the rows: the first four are a window of every second row
-# and one without weight, for whole pairs of vectors
-ROW = np.repeat(np.append(ORDER, 0), LANES).astype(np.float32)
-COLUMN = np.tile(np.append(np.arange(-RADIUS, RADIUS + 1), 0), len(ORDER) + 1).astype(np.float32)
-NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2)).astype(np.float32)
-NEARNESS[2 * RADIUS + 1 :: LANES] = NEARNESS[len(ORDER) * LANES :] = 0
-# mean square distance of the window's pixels along each axis
-FLATTENED_PX2 = float((NEARNESS * COLUMN**2).sum() / NEARNESS.sum())
-# of the window that polishes, and of that which compares hypotheses
-SAMPLES, SEARCHED = (len(NEARNESS), 4 * LANES)
+# Every second row of the window is compared: all rows cost twice as much and match no better. A row
+# is filled up with a pixel of no weight to eight floats, a vector.
+ROW, COLUMN = (
+    places.ravel().astype(np.float32)
+    for places in np.meshgrid((-3, -1, 1, 3), (*range(-RADIUS, RADIUS + 1), 0), indexing="ij")
+)
+NEARNESS = np.exp(-(ROW**2 + COLUMN**2) / (2 * SIGMA_PX**2))
+NEARNESS[2 * RADIUS + 1 :: 2 * RADIUS + 2] = 0
+SAMPLES = len(NEARNESS)
+# mean square distance of the window's pixels along a row and along a column
+FLATTENED_PX2 = [float((NEARNESS * axis**2).sum() / NEARNESS.sum()) for axis in (COLUMN, ROW)]
 DIRECTIONS = np.array([(-1, 0), (1, 0), (0, -1), (0, 1)])
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 REACH = 5  # neighbours at distances 1, 3, 5 are of the other colour
@@ -85,13 +85,12 @@ def refine(
     for iteration in range(iterations + 1):  # the first only evaluates what is there
         matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
         lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
-        samples = SAMPLES if iteration == iterations else SEARCHED
         for colour in (0, 1):
-            _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed, samples)
+            _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed)
     matched = cost < UNMATCHED
     planes[:], bends, support = smoothed(planes, matched)
     # flat windows have found them
-    planes[..., 0] -= FLATTENED_PX2 / 2 * (bends[..., 0] + bends[..., 2])
+    planes[..., 0] -= bends[..., ::2] @ FLATTENED_PX2 / 2
     _polish(stereo, planes, cost, matched, bends)
     return np.where(support < SUPPORT, np.float32(WORST), cost)
 
@@ -182,18 +181,17 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     fastmath={"contract", "reassoc", "nsz", "arcp"},
 )
 def _window(
-    reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray, samples: int
+    reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray
 ) -> Window:
     """Extract the matching window around pixel (x, y) of the reference picture, which is padded at
     its border.
 
-    samples: number of pixels in the window. values, weights: scratch arrays, whose first `samples`
-    entries are overwritten and returned. Returns column, row, gray values minus their weighted
-    mean, bilateral weights with sum 1, and weighted variance.
+    values, weights: scratch arrays [SAMPLES], which are overwritten and returned. Returns column,
+    row, gray values minus their weighted mean, bilateral weights with sum 1, and weighted variance.
     """
     centre = reference[y + RADIUS, x + RADIUS]
     total = np.float32(0)
-    for k in range(samples):
+    for k in range(SAMPLES):
         value = reference[y + RADIUS + np.int64(ROW[k]), x + RADIUS + np.int64(COLUMN[k])] - centre
         scaled = abs(value) * np.float32(1 / (64 * SIGMA_GRAY))
         similarity = max(np.float32(1) - scaled, np.float32(0))
@@ -204,14 +202,14 @@ def _window(
         weights[k] = similarity * NEARNESS[k]
         total += weights[k]
     mean = np.float32(0)
-    for k in range(samples):
+    for k in range(SAMPLES):
         weights[k] /= total
         mean += weights[k] * values[k]
     variance = np.float32(0)
-    for k in range(samples):
+    for k in range(SAMPLES):
         values[k] -= mean
         variance += weights[k] * values[k] * values[k]
-    return x, y, values[:samples], weights[:samples], variance
+    return x, y, values, weights, variance
 
 
 @njit(
@@ -354,14 +352,13 @@ def _pass(
     high: np.ndarray,
     step: int,
     seed: int,
-    samples: int,
 ) -> None:
     """Run one iteration of PatchMatch, in place, on the pixels of one colour of the chessboard: try
     the planes of neighbours, then random variations of the best plane.
 
     low, high [h, w]: allowed disparities. step: 2 · iteration + colour (0 or 1); iteration 0 only
-    evaluates the planes. samples: number of a window's pixels that are compared. The source views
-    are ranked under a pixel's current plane; other planes are compared with the better half only.
+    evaluates the planes. The source views are ranked under a pixel's current plane; other planes
+    are compared with the better half only.
     """
     h, w = cost.shape
     iteration = step // 2
@@ -376,7 +373,7 @@ def _pass(
         for x in range((y + step) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights, samples)
+            window = _window(stereo.reference, y, x, values, weights)
             best = plane = (float(planes[y, x, 0]), float(planes[y, x, 1]), float(planes[y, x, 2]))
             least = np.inf
             # first the pixel's own plane
@@ -430,7 +427,7 @@ def _polish(
         for x in range(w):
             if not wanted[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights, SAMPLES)
+            window = _window(stereo.reference, y, x, values, weights)
             disparity, slope_x, slope_y = (
                 float(planes[y, x, 0]),
                 float(planes[y, x, 1]),

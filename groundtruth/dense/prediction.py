@@ -23,7 +23,7 @@ class Prediction(NamedTuple):
     """Predicted cost of computing depth maps.
 
     pixels: number to match, over all views. most_planes: largest number of planes in a sweep.
-    seconds: processor time, summed over threads, so that other load on the machine does not matter.
+    seconds: processor time on the machine of the rates, summed over threads.
     bytes_: additional memory at the peak, fusion included.
     """
 

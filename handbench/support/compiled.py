@@ -24,7 +24,7 @@ from handbench.support.progress import say
 
 __all__ = ["FAST", "compile_once", "get_num_threads", "njit", "prange", "set_num_threads"]
 
-# Compiles a function. No wrapper for C callers is made: it would take a fifth of the time.
+# numba.njit without the wrapper for C callers, which takes a fifth of the compile time.
 njit: Callable[..., Any] = partial(numba.njit, no_cfunc_wrapper=True)
 
 # Sums may be rearranged into vector code; NaN and infinity keep their meaning.

@@ -40,7 +40,7 @@ LEAVES_PER_CELL_SIDE = 3
 PROBES = 7  # points along each axis of a box at which the local band is looked up
 NODE_BYTES = 100  # a node's position, order and images
 UPSAMPLING = 0.6  # share of the tolerance that upsampling may use
-CACHED = 48  # plans; the oldest goes first
+CACHED = 48  # plans, those of a benchmark's dozen methods; the oldest goes first
 # Cost of planning a node, in terms of the exact sum: GRAMS times its antennas' Gram matrices, and
 # at least SMALL_NODE. A grid's plan, which later images reuse, may always cost PLANNED (some 3 s);
 # a dearer plan, and one for points, must cost less than the exact sum of its image.

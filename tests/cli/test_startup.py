@@ -12,18 +12,7 @@ import pytest
 from handbench.radar.methods.registry import methods
 from tests.cli.conftest import PIXELS
 
-HEAVY = [
-    "numba",
-    "scipy",
-    "scipy.stats",
-    "pandas",
-    "matplotlib",
-    "cv2",
-    "open3d",
-    "h5py",
-    "dash",
-    "rich",
-]
+HEAVY = ["numba", "scipy", "pandas", "matplotlib", "cv2", "open3d", "h5py", "dash", "rich"]
 HEAVY += ["argcomplete", "IPython"]
 
 

@@ -42,3 +42,14 @@ def test_all_loops_come_from_here():
         if asked.search(file.read_text("utf-8")) and "studies" not in file.parts
     }
     assert importing == {"handbench/support/compiled.py"}
+
+
+def test_distributions_come_from_scipy_special():
+    """Importing scipy.stats takes a second; studies alone may."""
+    files = [file for room in (*ROOMS, "handbench") for file in (ROOT / room).rglob("*.py")]
+    importing = re.compile(r"scipy\.stats|scipy import .*stats")
+    assert not [
+        file
+        for file in files
+        if "studies" not in file.parts and importing.search(file.read_text("utf-8"))
+    ]

@@ -65,8 +65,8 @@ def test_components_by_hand() -> None:
 
 def test_without_scatter_every_difference_is_shown_by_the_fewest() -> None:
     assert paired_power(0.1, 0.0, 5) == welch_power(0.1, (0.0, 0.0), 5) == 1.0
-    # √5·1000 standard errors, of which scipy's noncentral t is NaN
-    assert paired_power(1.0, 1e-3, 5) == 1.0
+    # 2236 and 38 standard errors, of which scipy's noncentral t is NaN
+    assert paired_power(1.0, 1e-3, 5) == paired_power(12.0, 1.0, 10) == 1.0
 
 
 def test_welchs_power_is_what_drawing_shows() -> None:
