@@ -8,10 +8,14 @@ intrinsics K are given, its lens model is PINHOLE, and no intrinsics are refined
 
     python -m handbench.bench.studies.measure_survey FOLDER
         [--counts 11,8,6,5] [--shrinks 1,2] [--choices first] [--seeds 1]
+
+`--choices random --counts 11,9,8,7,6` takes all eleven photographs, and five random choices of each
+smaller number.
 """
 
 from __future__ import annotations
 
+import math
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -20,6 +24,7 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from handbench.bench.evaluation.tables import declared_tables
@@ -35,6 +40,8 @@ from handbench.support.files import atomic_folder, require_folder
 Intrinsics = tuple[float, float, float, float]
 CENTRE = slice(21, 24)  # among the numbers of a .camera file: after K, distortion and rotation
 JPEG_QUALITY = 95
+DRAWS = 5  # random choices of each number of photographs
+PLAIN = ["plain COLMAP", "plain COLMAP, one camera"]  # with K and without
 
 
 @dataclass(frozen=True)
@@ -62,8 +69,8 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
 
     work: folder for shrunk photographs. photos: folder with images/, K.txt and cameras/. counts,
     shrinks, choices: lists separated by commas, of numbers of photographs, divisors of their size,
-    and ways to choose them (first, last, spread). The cases are all combinations of these, of given
-    and unknown intrinsics, and of the seeds 0 to seeds − 1.
+    and ways to choose them (first, last, spread, random). The cases are all combinations of these,
+    of given and unknown intrinsics, and of the seeds 0 to seeds − 1.
     """
     centres_m = surveyed_centres_m(photos / "cameras")
     images = require_folder(photos / "images", "photographs")
@@ -78,7 +85,10 @@ def study(work: Path, photos: Path, counts: str, shrinks: str, choices: str, see
         "survey",
         cases,
         lambda case: measure(case, photos, centres_m, work),
-        lambda records: [Table("rows", declared_tables(__file__)["rows"].columns, records)],
+        lambda records: [
+            Table(name, declared_tables(__file__)[name].columns, rows)
+            for name, rows in (("rows", records), ("ratios", ratios(records)))
+        ],
     )
 
 
@@ -89,9 +99,23 @@ def _chosen(names: list[str], count: int, choices: str) -> Iterator[tuple[str, t
     spread = np.linspace(0, len(names) - 1, count).round().astype(int)
     known = {"first": range(count), "last": range(-count, 0), "spread": spread}
     for choice in choices.split(","):
-        if choice not in known:
-            raise HandbenchError(f"--choices: is '{choice}'; expected first, last or spread")
-        yield choice, tuple(names[i] for i in known[choice])
+        if choice == "random":
+            for number, drawn in enumerate(_drawn(names, count), start=1):
+                yield f"random {number}", drawn
+        elif choice in known:
+            yield choice, tuple(names[i] for i in known[choice])
+        else:
+            raise HandbenchError(
+                f"--choices: is '{choice}'; expected first, last, spread or random"
+            )
+
+
+def _drawn(names: list[str], count: int) -> list[tuple[str, ...]]:
+    """Draw different random choices of `count` names. The seed is their count."""
+    random, drawn = np.random.default_rng(count), set[tuple[str, ...]]()
+    while len(drawn) < min(DRAWS, math.comb(len(names), count)):
+        drawn.add(tuple(sorted(random.choice(names, count, replace=False).tolist())))
+    return sorted(drawn)
 
 
 def surveyed_centres_m(folder: Path) -> dict[str, np.ndarray]:
@@ -213,6 +237,27 @@ def _record(
     }
 
 
+def ratios(records: list[Record]) -> list[Record]:
+    """Divide handbench's errors by those of plain COLMAP with one camera. Returns the median, the
+    geometric mean and the largest ratio of the sets of photographs, for each size and for given and
+    unknown intrinsics."""
+    rows = pd.DataFrame(records)
+    errors_m = rows.pivot_table("centre_m", ["shrink", "known", "photos", "seed"], "way")
+    plain_m = errors_m[errors_m.columns.intersection(PLAIN)].min(axis=1)
+    groups = (errors_m["handbench"] / plain_m).groupby(["shrink", "known"])
+    return [
+        {
+            "shrink": shrink,
+            "known": known,
+            "sets": len(ratio),
+            "median": float(ratio.median()),
+            "mean": float(np.exp(np.log(ratio).mean())),
+            "largest": float(ratio.max()),
+        }
+        for (shrink, known), ratio in groups
+    ]
+
+
 def main() -> None:
     """Measure the error of camera positions compared with a survey, for handbench and COLMAP, for
     several numbers, sizes and choices of photographs; write and print the table."""
@@ -222,7 +267,7 @@ def main() -> None:
     options.add_argument("--counts", default="11,8,6,5", help="of photographs (default 11,8,6,5)")
     shrinks = "of their sides (default 1,2: whole and half)"
     options.add_argument("--shrinks", default="1,2", help=shrinks)
-    choices = "of first, last, spread: which photographs (default first)"
+    choices = "of first, last, spread, random: which photographs (default first)"
     options.add_argument("--choices", default="first", help=choices)
     seeds = "repeats, each with a seed of its own (default 1)"
     options.add_argument("--seeds", type=int, default=1, help=seeds)
