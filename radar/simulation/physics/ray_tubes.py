@@ -105,7 +105,10 @@ def tubes_around(
         np.empty((n, 3, 3)),
         np.zeros(n, np.int8),
     )
-    tubes = Tubes(*hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics)
+    bend_per_m = np.zeros((n, b + 1))
+    tubes = Tubes(
+        *hits[:3], points_m, normal, length_m, root_m2, edge_m, longer_m, caustics, bend_per_m
+    )
     land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
 
