@@ -57,7 +57,7 @@ def multipath(echoes: Echoes) -> Echoes:
     def bounce(sense: int) -> None:
         at = traced_nodes(arrays[sense], scene.nodes_apart)
         few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
-        traced = trace(rays, mirrors, few, int(mirrors.bounces.max()), wavenumber)
+        traced = trace(rays, mirrors, few, wavenumber)
         found[sense] = Bundles(traced, layer, at, scene.dipole)
 
     for_each(bounce, arrays)
