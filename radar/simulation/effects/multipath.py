@@ -15,10 +15,9 @@ from handbench.radar.simulation.effects.quick_estimate import (
     visible_surface,
 )
 from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
-from handbench.radar.simulation.physics.creeping import roundness_of
+from handbench.radar.simulation.physics.creeping import round_ratios, roundness_of
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.physics.ray_tubes import mirrors_of, trace
-from handbench.radar.simulation.physics.reflection import oblique_ratios
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.parallel import for_each
@@ -58,7 +57,7 @@ def multipath(echoes: Echoes) -> Echoes:
     def bounce(sense: int) -> None:
         at = traced_nodes(arrays[sense], scene.nodes_apart)
         few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
-        traced = trace(rays, mirrors, few, int(mirrors.bounces.max()), wavenumber)
+        traced = trace(rays, mirrors, few, wavenumber)
         found[sense] = Bundles(traced, layer, at, scene.dipole)
 
     for_each(bounce, arrays)
@@ -68,7 +67,7 @@ def multipath(echoes: Echoes) -> Echoes:
     def echo() -> np.ndarray:
         # where it is off, that of metal
         material = Material() if surface.reflection is None else body.material
-        ratios = oblique_ratios(material, float(scene.frequencies_hz.mean()))
+        ratios = round_ratios(material, float(scene.frequencies_hz.mean()))
         total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
         for sense, array in arrays.items():
             one = found[sense].echo(

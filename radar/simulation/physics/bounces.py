@@ -55,7 +55,8 @@ class Tubes(NamedTuple):
     at q; length_m [n]: path from p to q. root_m2 [n]: √(A_p A_q) of the areas of patch and
     footprint, 0 for an invalid tube; edge_m [n, 3, 3]: vectors from q to the footprint's corners;
     longer_m [n, 3]: by how much the rays to these corners are longer than that to q; caustics [n]:
-    number of focal lines between p and q, 0 to 2 between successive corners of the path.
+    number of focal lines between p and q, 0 to 2 between successive corners of the path; bend_per_m
+    [n, b + 1]: curvature of the surface along the path at each place, positive if convex.
     """
 
     transmitter: np.ndarray
@@ -68,6 +69,7 @@ class Tubes(NamedTuple):
     edge_m: np.ndarray
     longer_m: np.ndarray
     caustics: np.ndarray
+    bend_per_m: np.ndarray
 
 
 class Patches(NamedTuple):
@@ -133,6 +135,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
             rays[i, 0], rays[i, 1], rays[i, 2] = mirrored(way, vec(patches.normals[patch, i]))
         for axis in range(3):
             tubes.points_m[n, :, axis] = point[axis]
+        tubes.bend_per_m[n, 0] = _bend_per_m(patches, patch, incoming)
         tubes.length_m[n] = tubes.root_m2[n] = 0.0
         crossed, twice_m2, missed = 0, 1.0, False
         for b in range(bounces):
@@ -142,6 +145,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
                 ray = mirrored(ray, normal)
             flat = vec(surface.flat_m2[face])
             towards = dot(ray, flat)
+            tubes.bend_per_m[n, b + 1] = _bend_per_m(surface, face, ray)
             if missed or towards >= 0:
                 missed = True
                 break
@@ -176,30 +180,33 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
         patch_m2 = -dot(vec(patches.flat_m2[patch]), incoming)
         tubes.root_m2[n] = np.sqrt(patch_m2 * min(abs(twice_m2) / 2, WIDEST * patch_m2))
         if wavenumber > 0:
-            tubes.root_m2[n] *= _mirrored_share(patches, patch, incoming, wavenumber, lit)
+            sine = -dot(incoming, vec(patches.normal[patch]))
+            tubes.root_m2[n] *= _mirrored_share(tubes.bend_per_m[n, 0], sine, wavenumber, lit)
         tubes.caustics[n] = crossed
 
 
 @njit(**FAST)
-def _mirrored_share(patches, patch, incoming, wavenumber, lit):  # type: ignore[no-untyped-def]
-    """Return the share, 0 to 1, of the incident field that a convex patch reflects as a ray. Near
-    grazing incidence it is less than 1, since creeping waves carry the rest."""
-    flat, normal, middle = (
-        vec(patches.flat_m2[patch]),
-        vec(patches.normal[patch]),
-        vec(patches.middle_m[patch]),
-    )
-    sine = -dot(incoming, normal)
-    along = direction(ahead(incoming, sine, normal))[0]
+def _bend_per_m(patches, patch, incoming):  # type: ignore[no-untyped-def]
+    """Return the curvature of the smooth surface in a patch along an incoming ray, in 1/m, positive
+    if convex."""
+    flat, normal = vec(patches.flat_m2[patch]), vec(patches.normal[patch])
+    along = direction(ahead(incoming, -dot(incoming, normal), normal))[0]
     step_m = np.sqrt(norm(flat))
     there = _interpolated(
-        ahead(middle, step_m, along),
+        ahead(vec(patches.middle_m[patch]), step_m, along),
         patches.corners_m[patch],
         patches.normals[patch],
         flat,
         -BEYOND,
     )
-    bend_per_m = dot(minus(there, normal), along) / step_m
+    return dot(minus(there, normal), along) / step_m
+
+
+@njit(**FAST)
+def _mirrored_share(bend_per_m, sine, wavenumber, lit):  # type: ignore[no-untyped-def]
+    """Return the share, 0 to 1, of the incident field that a surface reflects as a ray. On a convex
+    one near grazing incidence it is less than 1, since creeping waves carry the rest. sine: that of
+    the angle between ray and surface."""
     if bend_per_m <= 1e-9 or 2 * LEAST**3 * bend_per_m > wavenumber:
         return 1.0
     size = min(np.cbrt(wavenumber / 2 / bend_per_m), MOST)

@@ -181,8 +181,9 @@ class Bundles:
         reflection are kept, since paths are stationary there.
 
         reflection [layers, f]: amplitude relative to metal at normal incidence (None: metal);
-        pattern: exponent q of the antennas' pattern cosᵠθ; ratios: reflection at oblique incidence
-        over that at normal incidence (`oblique_ratios`), for all layers or for the one material.
+        pattern: exponent q of the antennas' pattern cosᵠθ; ratios: reflection of round surfaces at
+        oblique incidence over that of a plane at normal incidence (`round_ratios`), for all layers
+        or for the one material.
 
         Amplitudes are relative to a single echo of metal, so each further reflection multiplies by
         the −1 of a metal mirror.
@@ -259,7 +260,12 @@ class Bundles:
         after_m = np.linalg.norm(rx_m - self._cells[1].centre_m[last], axis=1)
         layers = self._layers[bundle].astype(np.int64)
         factor = tube_factors(
-            tubes, tx_m, self._dipole, ratios, np.minimum(layers, len(ratios) - 1)
+            tubes,
+            tx_m,
+            self._dipole,
+            ratios,
+            np.minimum(layers, len(ratios) - 1),
+            2 * np.pi * turns_per_m.mean(),
         )
         row = layers @ self._count ** np.arange(layers.shape[1])[::-1]
         reflection = factor, row, products[:, chosen].astype(np.complex64)

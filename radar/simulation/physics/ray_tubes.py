@@ -52,14 +52,14 @@ class Mirrors(NamedTuple):
     itself.
 
     coarse: larger patches, of which `patches` are parts; part [m]: index of the coarse patch that
-    each is a part of; bounces: for each coarse patch, how many reflections after its own matter;
-    face [m]: index of the body's face; surface: all faces of the body as patches.
+    each is a part of; bounces: how many reflections after the patch's own matter; face [m]: index
+    of the body's face; surface: all faces of the body as patches.
     """
 
     patches: Patches
     coarse: Patches
     part: np.ndarray
-    bounces: np.ndarray
+    bounces: int
     face: np.ndarray
     surface: Patches
 
@@ -117,6 +117,7 @@ def tubes_around(
         edge_m,
         longer_m,
         caustics,
+        bend_per_m=np.zeros((n, b + 1)),
     )
     land(tubes, patches, tx_m, surface, wavenumber, LIT)
     return tubes
@@ -152,32 +153,27 @@ def mirrors_of(
     """
     surface = patches_of(body.vertices_m[body.faces], corner_normals(body))
     whole, face = split(surface, COARSE * longest_m)
-    count = _lit(rays, whole, surface, antennas_m, bounces)
-    chosen = np.flatnonzero(count)
+    mirrors, bounces = _lit(rays, whole, surface, antennas_m, bounces)
+    chosen = np.flatnonzero(mirrors)
     coarse = Patches(*(column[chosen] for column in whole))
     patches, part = split(coarse, longest_m)
-    return Mirrors(patches, coarse, part, count[chosen], face[chosen[part]], surface)
+    return Mirrors(patches, coarse, part, bounces, face[chosen[part]], surface)
 
 
-def trace(
-    rays: Rays, mirrors: Mirrors, array: AntennaArray, bounces: int, wavenumber: float
-) -> RayTrace:
-    """Trace the rays from all transmitters over the mirrors and on to up to `bounces` faces of the
-    body.
+def trace(rays: Rays, mirrors: Mirrors, array: AntennaArray, wavenumber: float) -> RayTrace:
+    """Trace the rays from all transmitters over the mirrors and on to the other faces of the body.
 
     Kept are rays whose transmitter sees the mirror's coarse patch and whose last face at least one
     receiver sees; both are tested at the middle of patch and face only.
     """
-    surface, many = mirrors.surface, mirrors.bounces[mirrors.part]
+    surface = mirrors.surface
     clear = points_in_sight(rays, mirrors.coarse.middle_m, array.tx_m, STRIDE_M)
-    found: list[list[Hits]] = [[] for _ in range(bounces)]
+    found: list[list[Hits]] = [[] for _ in range(mirrors.bounces)]
     for n, seen in enumerate(clear):
         hits = first_hits(rays, mirrors.patches, array.tx_m, n, np.flatnonzero(seen[mirrors.part]))
         found[0].append(hits)
-        for b in range(1, bounces):
-            hits = next_hits(
-                rays, hits.where(many[hits.patch] > b), mirrors.patches, surface, array.tx_m
-            )
+        for b in range(1, mirrors.bounces):
+            hits = next_hits(rays, hits, mirrors.patches, surface, array.tx_m)
             found[b].append(hits)
     faces = np.unique(np.concatenate([hits.faces[:, -1] for some in found for hits in some]))
     seen = np.zeros((len(surface.normal), len(array.rx_m)), np.float32)
@@ -245,15 +241,16 @@ def corner_normals(body: Body) -> np.ndarray:
 
 def _lit(
     rays: Rays, patches: Patches, surface: Patches, antennas_m: np.ndarray, bounces: int
-) -> np.ndarray:
-    """Return how many reflections after its own matter for each patch [m]: the largest number for
-    which a ray tube from one of a few antennas is valid; 0 if none is.
+) -> tuple[np.ndarray, int]:
+    """Return which patches [m] mirror a valid ray tube from one of a few antennas onto the body,
+    and how many reflections after that matter: those before the first number for which all tubes
+    together are weak (LEAST).
 
-    Reflections are not counted from the first number on for which all tubes together are weak
-    (LEAST).
+    That number holds for all patches. Paths with many reflections are narrow, so that these few
+    tubes miss some of them.
     """
-    count, level_m2 = np.zeros(len(patches.normal), int), np.zeros(bounces + 1)
-    everything = np.arange(len(count))
+    mirror, level_m2 = np.zeros(len(patches.normal), bool), np.zeros(bounces + 1)
+    everything = np.arange(len(mirror))
     few = nodes(antennas_m, TRIAL_M)
     for antenna in few[
         np.unique((antennas_m[few] / BESIDE_M).round(), axis=0, return_index=True)[1]
@@ -261,12 +258,12 @@ def _lit(
         hits = first_hits(rays, patches, antennas_m, antenna, everything)
         for b in range(1, bounces + 1):
             root_m2 = tubes_around(hits, patches, surface, antennas_m).root_m2
-            some, level_m2[b] = hits.patch[root_m2 > 0], level_m2[b] + root_m2.sum()
-            count[some] = np.maximum(count[some], b)
+            mirror[hits.patch[root_m2 > 0]] = True
+            level_m2[b] += root_m2.sum()
             if b < bounces:
                 hits = next_hits(rays, hits, patches, surface, antennas_m)
     strong = level_m2[1:] >= LEAST * level_m2.max()
-    return np.minimum(count, bounces if strong.all() else strong.argmin())
+    return mirror, bounces if strong.all() else max(int(strong.argmin()), 1)
 
 
 def first_hits(

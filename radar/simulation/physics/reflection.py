@@ -164,23 +164,23 @@ def oblique_layer_reflection(
     return (first + within) / (1 + first * within)
 
 
-def oblique_ratios(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Return the reflection coefficient Γ at oblique incidence over that at normal incidence:
-    complex64 [layers, 2, count], for the electric field across the plane of incidence and in it.
+def oblique_reflections(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
+    """Return the reflection coefficients Γ of a plane surface: complex [layers, 2, count], for the
+    electric field across the plane of incidence and in it.
 
     The last axis has `count` evenly spaced cosines of the angle of incidence from 0 to 1. Skin has
-    two layers, thin skin and the palm; other materials have one. For metal all values are 1.
+    two layers, thin skin and the palm; other materials have one. For metal all values are −1.
     """
     if material.kind == "metal":
-        return np.ones((1, 2, count), np.complex64)
+        return np.full((1, 2, count), -1.0 + 0j)
     cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
     if material.kind == "skin":
         f = np.array([frequency_hz])
         media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
-        layers_m = skin_layers_m(material)
-        gamma = np.stack(
-            [oblique_layer_reflection(*media, layer_m, f, cosine)[..., 0] for layer_m in layers_m]
+        return np.stack(
+            [
+                oblique_layer_reflection(*media, layer_m, f, cosine)[..., 0]
+                for layer_m in skin_layers_m(material)
+            ]
         )
-    else:
-        gamma = interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]
-    return np.ascontiguousarray(gamma / gamma[..., -1:], np.complex64)
+    return interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.special import ai_zeros, airy
+from scipy.special import ai_zeros, airy, hankel2, jv
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from handbench.radar.simulation.physics.creeping import pekeris, roundness_of
+from handbench.radar.simulation.physics.creeping import lit_factors, pekeris, roundness_of
 from handbench.radar.simulation.physics.diffraction import (
     cells_of,
     edge_waves,
@@ -39,6 +39,18 @@ def test_pekeris_function_is_its_residues_and_the_knife_edge_s_part(hard):
     crept = -2j * np.pi * (residues * np.exp(-1j * np.multiply.outer(xi, tau))).sum(axis=1)
     found = pekeris(xi, np.array([float(hard)]), np.array([float(not hard)]))[:, 0]
     np.testing.assert_allclose(np.sqrt(np.pi) * found, crept + 1 / (2 * xi), atol=1e-5)
+
+
+@pytest.mark.parametrize("size", [1.9, 3.0])
+@pytest.mark.parametrize("incidence_deg", [20, 45, 60, 68])
+def test_a_round_mirror_is_the_exact_series_of_a_cylinder(size, incidence_deg):
+    """A plane wave with its field along a metal cylinder, far away, over geometrical optics,
+    √(a cos θ/2r) e^{2jka cos θ}. What Pekeris' function leaves out is of the order of 1/ka."""
+    ka, cosine, m = 2 * size**3, np.cos(np.radians(incidence_deg)), np.arange(-90, 91)
+    waves = jv(m, ka) / hankel2(m, ka) * np.exp(1j * m * (np.pi - 2 * np.radians(incidence_deg)))
+    optics = np.sqrt(np.pi * ka * cosine / 4) * np.exp(2j * ka * cosine - 0.25j * np.pi)
+    found = lit_factors(0j, size, np.array([cosine]))[0, 0]
+    assert found == pytest.approx(waves.sum() / optics, abs=0.65 / ka)
 
 
 def exact_field(radius_m, antenna_m, points_m, polarisation, material):

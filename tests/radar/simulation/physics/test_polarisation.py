@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.physics.bounces import Tubes
+from handbench.radar.simulation.physics.creeping import round_ratios
 from handbench.radar.simulation.physics.polarisation import tube_factors
 from handbench.radar.simulation.physics.reflection import (
     interface,
     layer_reflection,
     oblique_layer_reflection,
-    oblique_ratios,
 )
 from handbench.radar.simulation.scene import Material
 
-METAL = oblique_ratios(Material(), 80e9)
+METAL = round_ratios(Material(), 80e9)
 SKIN = Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)
 ALONG, ACROSS = np.array([0.0, 1, 0]), np.array([1.0, 0, 0])
 
@@ -24,15 +24,22 @@ def factor(dipole, ratios=METAL, at=((-0.1, 0, 0), (-0.1, 0, 1.0), (0.1, 0, 1.0)
     tx_m, start_m, end_m, rx_m = np.array(at, float)
     after, before = (way / np.linalg.norm(way) for way in (rx_m - end_m, end_m - start_m))
     normal = (after - before) / np.linalg.norm(after - before)
-    zero, flat = np.zeros(1, int), np.zeros((1, 3))
-    one = np.ones(1)
-    places_m = np.array([[start_m, end_m]])
+    zero, flat, one = np.zeros(1, int), np.zeros((1, 3)), np.ones(1)
     made = Tubes(
-        zero, zero, zero[:, None], places_m, normal[None], one, one, flat[None], flat, zero
+        transmitter=zero,
+        patch=zero,
+        faces=zero[:, None],
+        points_m=np.array([[start_m, end_m]]),
+        normal=normal[None],
+        length_m=one,
+        root_m2=one,
+        edge_m=flat[None],
+        longer_m=flat,
+        caustics=zero,
+        bend_per_m=np.zeros((1, 2)),
     )
-    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, np.zeros((1, 2), int))[
-        0
-    ]
+    layers, wavenumber = np.zeros((1, 2), int), 1e3
+    return tube_factors(made, tx_m[None], np.asarray(dipole, float), ratios, layers, wavenumber)[0]
 
 
 def test_a_metal_dihedral_turns_the_field_across_its_edge():
@@ -52,7 +59,7 @@ def test_skin_reflects_by_fresnels_formulas(dipole, sign, part):
     s = (0.5**0.5 - inside) / (0.5**0.5 + inside)
     p = (inside - n**2 * 0.5**0.5) / (inside + n**2 * 0.5**0.5)
     expected = ((s, p)[part] * (1 + n) / (1 - n)) ** 2
-    assert factor(dipole, oblique_ratios(SKIN, 80e9)) == pytest.approx(sign * expected, rel=1e-3)
+    assert factor(dipole, round_ratios(SKIN, 80e9)) == pytest.approx(sign * expected, rel=1e-3)
 
 
 def test_layers_at_an_angle_have_their_limits():
