@@ -24,11 +24,13 @@ class Limits(NamedTuple):
     """Limits for the pixels that a depth map keeps.
 
     cost: highest matching cost, 1 − NCC. cosine: lowest cosine of the angle between surface normal
-    and line of sight.
+    and line of sight. support: lowest share of a pixel's neighbours that are on its surface, which
+    drops borders and parts thinner than five pixels.
     """
 
     cost: float
     cosine: float
+    support: float
 
 
 FEWEST_VIEWS = 3
@@ -37,8 +39,8 @@ SOURCES = 4
 LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
 # between a view and a good source
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])
-USUAL = Limits(cost=0.3, cosine=0.35)
-THOROUGH = Limits(cost=0.4, cosine=0.15)
+USUAL = Limits(cost=0.3, cosine=0.35, support=0.67)
+THOROUGH = Limits(cost=0.4, cosine=0.15, support=0.0)
 JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface
 
 
@@ -174,9 +176,10 @@ def refine_planes(
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
-    cost = patchmatch.refine(stereo, planes, low, high, iterations, seed)
+    cost, support = patchmatch.refine(stereo, planes, low, high, iterations, seed)
     normals, cosine = _normals(view, planes)
-    good = (cost < limits.cost) & (cosine > limits.cosine) & (low <= high) & ~_beside_jump(planes)
+    good = (cost < limits.cost) & (cosine > limits.cosine) & (support >= limits.support)
+    good &= (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
     return ViewDepth(view, depth_m, normals @ view.R)
 

@@ -95,7 +95,7 @@ def _best(half: View, stereo: Stereo, candidates: list[np.ndarray]) -> np.ndarra
     merits = []
     for planes in candidates:
         planes[..., 0] = np.fmin(np.fmax(planes[..., 0], low), high)
-        cost = patchmatch.refine(stereo, planes, low, high, 0, 0)
+        cost, _ = patchmatch.refine(stereo, planes, low, high, 0, 0)
         merits.append(cv2.blur(np.minimum(cost, 1), (MERIT_PX, MERIT_PX)))
     best = np.argmin(merits, axis=0)[None, ..., None]
     return np.take_along_axis(np.stack(candidates), best, axis=0)[0]

@@ -17,7 +17,7 @@ import numpy as np
 from handbench.groundtruth.dense.views import Stereo
 from handbench.support.compiled import njit, prange
 
-# a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
+# of a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
 RADIUS = 3
 SIGMA_GRAY, SIGMA_PX = 0.08, 3.0  # bilateral weights
 # Every second row of the window is compared: all rows cost twice as much and match no better. A row
@@ -40,8 +40,6 @@ PERTURBATIONS = 3
 SMOOTHED_PX, SMOOTHED_REACH = 3.0, 8
 WEIGHTS = np.exp(-((np.arange(SMOOTHED_REACH + 1) / SMOOTHED_PX) ** 2) / 2)
 ALL_WEIGHTS = (2 * WEIGHTS[::2].sum() - 1) ** 2
-# share of a pixel's neighbours that are on its surface, below which it is too near to the border
-SUPPORT = 0.67
 SINGULAR = 1e-5  # pixels², added to the variances of the neighbours' places
 APART_PX = 1.0  # of disparity, between a pixel and a neighbour on another surface
 MOST_BENT = 0.3  # disparities per pixel²
@@ -62,17 +60,18 @@ def refine(
     high: np.ndarray,
     iterations: int,
     seed: int,
-) -> np.ndarray:
-    """Improve each pixel's plane by PatchMatch, in place, and return the matching cost [h, w]
-    float32: 1 − NCC, averaged over the better half of the source views.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Improve each pixel's plane by PatchMatch, in place. Returns the matching cost [h, w] float32,
+    1 − NCC, averaged over the better half of the source views, and the share [h, w] of each pixel's
+    neighbours that are on its surface.
 
     planes [h, w, 3] float32: disparity, slope per column and slope per row. low, high [h, w]: range
     of allowed disparities, NaN for pixels to leave out. iterations: number of PatchMatch
     iterations; with 0, the planes are only evaluated and moved to the nearest cost minimum. seed:
     of the random variations.
 
-    The planes are then smoothed along the surface, freed from the bias of flat windows, and
-    polished with curved ones. Pixels too near to a surface's border get the cost WORST.
+    The planes are then smoothed along the surface, freed from the bias of PatchMatch's flat
+    windows, and polished with curved ones.
 
     After the first evaluation, pixels without well-matched neighbours are skipped: most of them
     show background, which matches at no allowed disparity.
@@ -89,10 +88,10 @@ def refine(
             _pass(stereo, planes, cost, lowest, high, 2 * iteration + colour, seed)
     matched = cost < UNMATCHED
     planes[:], bends, support = smoothed(planes, matched)
-    # flat windows have found them
-    planes[..., 0] -= bends[..., ::2] @ FLATTENED_PX2 / 2
+    if iterations:
+        planes[..., 0] -= bends[..., ::2] @ FLATTENED_PX2 / 2
     _polish(stereo, planes, cost, matched, bends)
-    return np.where(support < SUPPORT, np.float32(WORST), cost)
+    return cost, support
 
 
 @njit(cache=True, forceinline=True)

@@ -22,8 +22,8 @@ eq. 3, far from the shadow's edge),
 
     R = −√(−4/ξ) e^{−jξ³/12 − jπ/4} (p*(ξ) − 1/(2√π ξ)),   ξ = −2m cos θ,
 
-which is that of a plane for ξ → −∞. Its next term, 2j/ξ³ for metal, is 5° for a finger met at 45°
-and 8° at 57°.
+which is that of a plane for ξ → −∞. It turns the phase at a metal finger by 5° for 45° of
+incidence and by 8° for 57°, in opposite senses for the two polarisations.
 """
 
 from __future__ import annotations
@@ -134,14 +134,18 @@ def round_ratios(material: Material, frequency_hz: float) -> np.ndarray:
     incidence and in it.
 
     The bends 1/m = (2/ka)^{1/3} are evenly spaced from 0, a plane, to ROUNDEST; the cosines and the
-    layers are those of `oblique_reflections`.
+    layers are those of `oblique_reflections`. Foam and plastic reflect like planes: at the angle at
+    which a constant impedance reflects nothing, the factor of a round surface has a pole, which
+    their own reflection does not cancel.
     """
     plane = oblique_reflections(material, frequency_hz)
     normal = plane[:, 0, -1]
     factors = np.ones((*plane.shape[:2], BENDS, plane.shape[2]), complex)
-    for layer, impedance in zip(factors, (1 + normal) / (1 - normal), strict=True):
-        for n, bend in enumerate(np.linspace(0, ROUNDEST, BENDS)[1:], 1):
-            layer[:, n] = lit_factors(impedance, 1 / bend, np.linspace(0, 1, plane.shape[2]))
+    if material.kind in ("metal", "skin"):
+        cosines = np.linspace(0, 1, plane.shape[2])
+        for layer, impedance in zip(factors, (1 + normal) / (1 - normal), strict=True):
+            for n, bend in enumerate(np.linspace(0, ROUNDEST, BENDS)[1:], 1):
+                layer[:, n] = lit_factors(impedance, 1 / bend, cosines)
     return np.asarray(factors * (plane / normal[:, None, None])[:, :, None], np.complex64)
 
 

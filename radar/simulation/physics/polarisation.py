@@ -33,8 +33,9 @@ def tube_factors(
     wavenumber: float,
 ) -> np.ndarray:
     """Compute the factors by which polarisation, angles of incidence and caustics change the
-    amplitudes of ray tubes: complex64 [n]. For metal with the field across every plane of incidence
-    they are 1. The direction of observation is that in which the last place would mirror the tube.
+    amplitudes of ray tubes: complex64 [n]. For flat or hollow metal with the field across every
+    plane of incidence they are 1. The direction of observation is that in which the last place
+    would mirror the tube.
 
     dipole [3]: direction of both antennas' electric field; ratios [layers, 2, bends, cosines]:
     reflection over that of a plane at normal incidence (`round_ratios`); layers [n, b + 1]: surface

@@ -8,7 +8,12 @@ import pytest
 from scipy.special import ai_zeros, airy, hankel2, jv
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from handbench.radar.simulation.physics.creeping import lit_factors, pekeris, roundness_of
+from handbench.radar.simulation.physics.creeping import (
+    lit_factors,
+    pekeris,
+    round_ratios,
+    roundness_of,
+)
 from handbench.radar.simulation.physics.diffraction import (
     cells_of,
     edge_waves,
@@ -16,8 +21,8 @@ from handbench.radar.simulation.physics.diffraction import (
     outline,
     visible_outline,
 )
-from handbench.radar.simulation.physics.reflection import dielectric_permittivity
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.physics.reflection import dielectric_permittivity, interface
+from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.support.rays import Rays, load_open3d
 from tests.references.exact.cases import MATERIALS
 from tests.references.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
@@ -118,3 +123,11 @@ def test_nothing_creeps_around_sharp_edges():
     edges = outline(body, edges_of(body), np.zeros(3), roundness_of(scene, body))
     assert len(edges.creeping) > 60
     assert not edges.creeping[:, 3].any()
+
+
+@pytest.mark.parametrize("permittivity", [2.7, 6.4])
+def test_no_mirror_of_plastic_reflects_more_than_all(permittivity):
+    """The factor of a round surface has a pole where a constant impedance reflects nothing."""
+    material = Material(kind="plastic", permittivity=permittivity)
+    normal = abs(interface(1.0, dielectric_permittivity(material), 1.0)[0])
+    assert np.abs(round_ratios(material, 80e9) * normal).max() < 1.001
