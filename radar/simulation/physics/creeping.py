@@ -134,40 +134,37 @@ def round_ratios(material: Material, frequency_hz: float) -> np.ndarray:
     incidence and in it.
 
     The bends 1/m = (2/ka)^{1/3} are evenly spaced from 0, a plane, to ROUNDEST; the cosines and the
-    layers are those of `oblique_reflections`. Foam and plastic reflect like planes: at the angle at
-    which a constant impedance reflects nothing, the factor of a round surface has a pole, which
-    their own reflection does not cancel.
+    layers are those of `oblique_reflections`.
     """
     plane = oblique_reflections(material, frequency_hz)
-    normal = plane[:, 0, -1]
-    factors = np.ones((*plane.shape[:2], BENDS, plane.shape[2]), complex)
-    if material.kind in ("metal", "skin"):
-        cosines = np.linspace(0, 1, plane.shape[2])
-        for layer, impedance in zip(factors, (1 + normal) / (1 - normal), strict=True):
-            for n, bend in enumerate(np.linspace(0, ROUNDEST, BENDS)[1:], 1):
-                layer[:, n] = lit_factors(impedance, 1 / bend, cosines)
-    return np.asarray(factors * (plane / normal[:, None, None])[:, :, None], np.complex64)
+    normal, cosines = plane[:, 0, -1], np.linspace(0, 1, plane.shape[2])
+    found = np.repeat(plane[:, :, None], BENDS, axis=2)
+    for layer, impedance in zip(found, (1 + normal) / (1 - normal), strict=True):
+        for n, bend in enumerate(np.linspace(0, ROUNDEST, BENDS)[1:], 1):
+            layer[:, n] += round_differences(impedance, 1 / bend, cosines)
+    return np.asarray(found / normal[:, None, None, None], np.complex64)
 
 
-def lit_factors(impedance: complex, size: float, cosines: np.ndarray) -> np.ndarray:
-    """Return the reflection of a cylinder over that of a plane with the same impedance: complex [2,
-    n], for a field along the axis and one across it, at cosines [n] of incidence. size: m.
+def round_differences(impedance: complex, size: float, cosines: np.ndarray) -> np.ndarray:
+    """Return the reflection coefficient Γ of a cylinder less that of a plane with the same
+    impedance: complex [2, n], for a field along the axis and one across it, at cosines [n] of
+    incidence. size: m.
 
-    Nearer to grazing incidence than ξ = LIT the factor is that at LIT; before BRIGHT its difference
-    from 1 falls with ξ⁻³, as the expansion's next term does.
+    Nearer to grazing incidence than ξ = LIT the difference is that at LIT; before BRIGHT it falls
+    with ξ⁻³, as the expansion's next term does.
     """
     away = -2 * size * np.maximum(cosines, 1e-9)
     xi = away.clip(BRIGHT, LIT)
     cosine = xi / (-2 * size)
     ray = np.sqrt(-4 / xi) * np.exp(-1j * (xi**3 / 12 + np.pi / 4))
     found = []
-    for c, s, plane in (
-        (impedance, -1j * size, (1 - impedance * cosine) / (1 + impedance * cosine)),
-        (1.0, -1j * size * impedance, (impedance - cosine) / (impedance + cosine)),
+    for sign, c, s, plane in (
+        (-1, impedance, -1j * size, (1 - impedance * cosine) / (1 + impedance * cosine)),
+        (1, 1.0, -1j * size * impedance, (impedance - cosine) / (impedance + cosine)),
     ):
         crept = pekeris(xi, np.array([c]), np.array([s]))[:, 0]
-        factor = ray * (crept - 1 / (2 * np.sqrt(np.pi) * xi)) / plane
-        found.append(1 + (factor - 1) * np.minimum(BRIGHT / away, 1) ** 3)
+        lit = ray * (crept - 1 / (2 * np.sqrt(np.pi) * xi))
+        found.append(sign * (lit - plane) * np.minimum(BRIGHT / away, 1) ** 3)
     return np.stack(found)
 
 

@@ -9,7 +9,7 @@ fingers mirror onto each other, Γ² of skin is 2.8 dB above that of normal inci
 component and 4.0 dB below for the second.
 
 A round mirror reflects by Pekeris' function in place of geometrical optics
-(`creeping.lit_factors`).
+(`creeping.round_ratios`).
 """
 
 from __future__ import annotations
