@@ -238,11 +238,11 @@ def _record(
 
 
 def ratios(records: list[Record]) -> list[Record]:
-    """Divide handbench's errors by those of plain COLMAP with one camera. Returns the median, the
-    geometric mean and the largest ratio of the sets of photographs, for each size and for given and
-    unknown intrinsics."""
+    """Divide handbench's errors by those of plain COLMAP with one camera, both averaged over the
+    seeds. Returns the median, the geometric mean and the largest ratio of the sets of photographs,
+    for each size and for given and unknown intrinsics."""
     rows = pd.DataFrame(records)
-    errors_m = rows.pivot_table("centre_m", ["shrink", "known", "photos", "seed"], "way")
+    errors_m = rows.pivot_table("centre_m", ["shrink", "known", "photos"], "way")
     plain_m = errors_m[errors_m.columns.intersection(PLAIN)].min(axis=1)
     groups = (errors_m["handbench"] / plain_m).groupby(["shrink", "known"])
     return [

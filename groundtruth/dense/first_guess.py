@@ -17,7 +17,7 @@ STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the dispari
 MEDIAN_PX = 5
 # standard deviation, in the full view, of the smoothing before disparities are differentiated
 SLOPE_PX = 3.0
-# the same, of the smoothing before slopes are differentiated; largest second derivative
+# the same, of the smoothing before slopes are differentiated; largest sum of second derivatives
 CURVED_PX, MOST_CURVED = 5.0, 0.05
 # mean square distance, along each axis of the full view, of the pixels in a sweep's window and in
 # the median's
@@ -72,11 +72,12 @@ def first_guess(
 
 
 def _raised(planes: np.ndarray) -> np.ndarray:
-    """Return planes whose disparities are corrected for what flat windows take from those of a
-    convex surface: half the second derivatives times the window's mean square distances.
+    """Correct the disparities of planes, in place, for the bias of flat windows on a convex
+    surface: half the second derivatives times the window's mean square distances. Returns the
+    planes.
 
     Where the texture is weak, PatchMatch keeps part of the error of its start: on fingers, some
-    hundredths of a millimetre of a tenth.
+    hundredths of a millimetre of an error of a tenth.
     """
     slope_x, slope_y = (cv2.GaussianBlur(planes[..., k], (0, 0), CURVED_PX) for k in (1, 2))
     second = np.gradient(slope_x, axis=1) + np.gradient(slope_y, axis=0)
