@@ -191,7 +191,7 @@ def measured_mm(scene: EchoScene, effect: str) -> tuple[float, float]:
     )  # foam is not opaque
     changed = tuple(name for name in base if name != effect) if effect in base else (*base, effect)
     for effects in (base, changed):
-        capture = simulate_scene(scene, choose(scene, effects, 0.1)).capture
+        capture = simulate_scene(scene, choose(scene, effects)).capture
         depths.append(
             fsk.run(RadarCapture(capture.samples, TONES_HZ, scene.array), config, 0).depth.z_m
         )

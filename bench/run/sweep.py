@@ -118,9 +118,9 @@ class SimulationKnobs(Config):
     facets_per_wavelength, mirrors_per_wavelength: the shortest wavelength divided by the longest
     edge of the facets that scatter, and of the mirrors that reflect bounces. nodes_apart: spacing
     of the antennas for which paths with two bounces are traced, as a multiple of the usual spacing.
-    without: lists of effects to leave out; [] leaves out none. tolerance_mm: the change of depth,
-    mm, that automatic selection of effects (`effects = "auto"`) may cause. Each parameter is varied
-    while the others keep their first value; facets are also combined with every entry of `without`.
+    without: lists of effects to leave out; [] leaves out none. Each parameter is varied while the
+    others keep their first value; facets are also combined with every entry of `without`.
+    tolerance_mm: has no effect.
     """
 
     scenes: tuple[str, ...] = Field(
@@ -142,7 +142,7 @@ class SimulationKnobs(Config):
         ("multipath", "shadow_diffraction", "shadow_antennas"),
         ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
     )
-    tolerance_mm: tuple[Positive, ...] = Field((0.1, 1.0), max_length=MOST_VALUES)
+    tolerance_mm: tuple[Positive, ...] = Field((), max_length=MOST_VALUES)
 
     @field_validator("scenes")
     @classmethod

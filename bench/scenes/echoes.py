@@ -11,14 +11,11 @@ from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget,
 from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.bench.scenes.stand import cuboid, plate_box_m
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
-from handbench.radar.simulation.catalogue import EFFECTS
-from handbench.radar.simulation.effects.quick_estimate import echo_s
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
 from handbench.radar.simulation.scene import Ball, Body, EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
-from handbench.support.cost import require_time
 from handbench.support.files import inside
 
 ROOM_STEP_M = 5e-3
@@ -29,16 +26,10 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
 
     frames: number of repeated measurements, which differ only in what is random over time, such as
     noise. radar_scene: an earlier result of `echo_scene` for this scene (None: computed here).
-    Raises HandbenchError if the simulation would take too long.
     """
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
-    chosen, passes = choices(scene, radar_scene), 1 + (stand.empty or stand.subtract)
-    on = {row.effect for row in chosen if row.on}
-    core_s = echo_s(radar_scene) + sum(
-        effect.cost_s(radar_scene) for effect in EFFECTS if effect.id in on
-    )
-    require_time(passes * core_s, f"{scene.file.name}: echoes")
-    simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
+    chosen, empty = choices(scene, radar_scene), stand.empty or stand.subtract
+    simulated = simulate_scene(radar_scene, chosen, frames, empty=empty)
     return simulated.subtracted() if stand.subtract else simulated
 
 
@@ -47,8 +38,7 @@ def choices(
 ) -> tuple[Choice, ...]:
     """Return one row for each effect of the scene: whether it is simulated, and why. explain: add
     the size of the effect to each row, from coarse simulations with and without it."""
-    file = scene.file
-    return choose(radar_scene or echo_scene(scene), file.effects, file.tolerance_mm, explain)
+    return choose(radar_scene or echo_scene(scene), scene.file.effects, explain)
 
 
 def echo_scene(scene: Scene) -> EchoScene:

@@ -306,9 +306,9 @@ def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
 class SceneFile(Config):
     """The content of a scene file.
 
-    effects: names of the effects to simulate, or "auto" to leave out those that together change
-    depths by less than tolerance_mm. depth_step_hz: frequency step between the two tones from which
-    depth is determined, used to convert changes of phase to changes of depth. noise, sensor and
+    effects: names of the effects to simulate, or "auto" for every effect that the scene has a cause
+    for. tolerance_mm: has no effect. depth_step_hz: frequency step between the two tones from which
+    `--explain` determines depth. noise, sensor and
     target also contain the causes of effects. photos: None for no photographs. mount: pose of the
     stand's board.
     """

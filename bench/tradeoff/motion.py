@@ -169,7 +169,7 @@ def echoes(scene: EchoScene, motion_m: float) -> RadarCapture:
     """Simulate one frame without noise, in which the target moves by motion_m in each step."""
     moving = replace(scene, causes=Causes(motion=Motion(velocity_m_s=motion_m)))
     effects = (*EFFECTS, "motion") if motion_m else EFFECTS
-    return simulate_scene(moving, choose(moving, effects, tolerance_mm=0.0)).capture
+    return simulate_scene(moving, choose(moving, effects)).capture
 
 
 def image(capture: RadarCapture, steps: np.ndarray, frame: MotionFrame, step_s: float) -> DepthMap:

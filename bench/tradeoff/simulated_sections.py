@@ -53,15 +53,13 @@ class SimulationVariant:
     """One setting of the simulation: how finely surfaces and antennas are sampled, and which
     effects are on.
 
-    All effects are on except those in `without`. If tolerance_mm is given, the effects are chosen
-    automatically with this tolerance instead.
+    All effects are on except those in `without`.
     """
 
     facets_per_wavelength: float = ORDINARY
     mirrors_per_wavelength: float = ORDINARY
     nodes_apart: float = 1.0
     without: tuple[str, ...] = ()
-    tolerance_mm: float | None = None
 
     @property
     def words(self) -> str:
@@ -75,12 +73,7 @@ class SimulationVariant:
             text.format(self.knobs[key]) for key, text in words.items() if key in self.knobs
         ]
         effects = f"without {', '.join(self.without)}" if self.without else "all effects"
-        return ", ".join(
-            [
-                *sampling,
-                effects if self.tolerance_mm is None else f"auto at {self.tolerance_mm:g} mm",
-            ]
-        )
+        return ", ".join([*sampling, effects])
 
     @property
     def name(self) -> str:
@@ -112,16 +105,12 @@ class SimulationVariant:
 
     def choices(self, scene: EchoScene) -> tuple[Choice, ...]:
         """Return one row for each effect: whether it is on in the scene, and why."""
-        if self.tolerance_mm is not None:
-            return choose(scene, "auto", self.tolerance_mm)
         left = [
             effect.id
             for effect in EFFECTS
             if not effect.missing(scene) and effect.id not in self.without
         ]
-        return choose(
-            scene, tuple(id for id in left if CONTAINED.get(id) not in left), tolerance_mm=0.0
-        )
+        return choose(scene, tuple(id for id in left if CONTAINED.get(id) not in left))
 
 
 def measure_simulation(inputs: TradeoffInputs) -> MeasuredSection:
@@ -184,7 +173,6 @@ def variants(knobs: SimulationKnobs) -> list[SimulationVariant]:
     listed += [SimulationVariant(first[0], n, first[2], usual) for n in mirrors] + [
         SimulationVariant(*first[:2], n, usual) for n in nodes
     ]
-    listed += [SimulationVariant(*first, tolerance_mm=mm) for mm in knobs.tolerance_mm]
     return list(dict.fromkeys(listed))
 
 

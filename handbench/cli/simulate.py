@@ -62,27 +62,24 @@ def _is_benchmark(path: Path) -> bool:
 
 def show(rows: tuple[Choice, ...]) -> None:
     """Print a table of physical effects on stdout, with one row for each.
-    The columns are its estimated change of depths (mm), share of pixels lost or gained (%) and
-    level (dB), whether it is on and why, and its computing time in seconds (~: estimated)."""
+    The columns are its change of depths (mm), share of pixels lost or gained (%) and level (dB),
+    whether it is on and why, and its computing time in seconds; those without any value are left
+    out."""
     from handbench.reports.tables.result_tables import print_table, terminal_table
 
-    lines = []
-    for row in rows:
-        seconds = row.cost_s if row.seconds is None else row.seconds
-        mark = "~" if row.seconds is None and seconds else ""
-        cells = (
-            row.effect,
-            _number(row.depth_mm, 3),
-            _number(row.worst_mm, 3),
-            _number(row.pixels_percent, 1),
-            _number(row.level_db, 1),
-            "on" if row.on else "–",
-            mark + _number(seconds, 2),
-            row.why,
-        )
-        lines.append(cells)
-    headings = ("effect", "depth mm", "worst mm", "pixel %", "level dB", "on", "time s", "why")
-    table = terminal_table("", headings, lines, texts=("effect", "on", "why"))
+    columns = {
+        "effect": [row.effect for row in rows],
+        "depth mm": [_number(row.depth_mm, 3) for row in rows],
+        "worst mm": [_number(row.worst_mm, 3) for row in rows],
+        "pixel %": [_number(row.pixels_percent, 1) for row in rows],
+        "level dB": [_number(row.level_db, 1) for row in rows],
+        "on": ["on" if row.on else "–" for row in rows],
+        "time s": [_number(row.seconds, 2) for row in rows],
+        "why": [row.why for row in rows],
+    }
+    shown = {heading: cells for heading, cells in columns.items() if any(cells)}
+    lines = list(zip(*shown.values(), strict=True))
+    table = terminal_table("", tuple(shown), lines, texts=("effect", "on", "why"))
     table.collapse_padding = True
     print_table(table, piped=80)
 

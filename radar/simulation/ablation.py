@@ -30,7 +30,6 @@ from handbench.radar.simulation.scene import COARSE, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 
 TOLERANCE = 1e-3  # of samples and images, well below the error of the coarse surfaces
-LOST_MM = 10.0  # a lost or gained pixel counts as much as one that moves by this distance
 COARSER = 2.0  # edges of facets and mirrors relative to a full simulation
 PIXELS = 8000  # approximate number in the box around the target
 MARGIN_M = 5e-3  # of that box
@@ -66,12 +65,6 @@ class Change:
             1e3 * float(moved_m.mean()) if len(moved_m) else 0.0,
             float((there ^ still).sum()) / count,
         )
-
-
-def worst_mm(changes: Mapping[str, Change]) -> float:
-    """Return the largest change over the depth maps of several methods, in mm. The change of a map
-    is the mean |Δz|, or the share of lost and gained pixels times LOST_MM, whichever is larger."""
-    return max(max(change.depth_mm, LOST_MM * change.pixels) for change in changes.values())
 
 
 class Ablation:

@@ -12,7 +12,6 @@ from handbench.radar.simulation.effects import (
     sensor,
     target_surface,
 )
-from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
 from handbench.radar.simulation.movement import moves
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
@@ -26,18 +25,14 @@ class Effect:
 
     id: its name in scene files and in known_effects.toml; needs: the cause that a scene must have,
     in words; cause: function that tells whether a scene has it; apply: function that returns the
-    echoes with the effect; cost_s: function from a scene to the estimated CPU seconds (0, the
-    default, is negligible, so that "auto" always switches it on); estimate: function from a scene
-    to a quick estimate of the effect's size (None: unknown); way: function from a scene to how the
-    effect is simulated there, in words ("": always in the same way).
+    echoes with the effect; way: function from a scene to how the effect is simulated there, in
+    words ("": always in the same way).
     """
 
     id: str
     needs: str
     cause: Callable[[EchoScene], bool]
     apply: Callable[[Echoes], Echoes]
-    cost_s: Callable[[EchoScene], float] = lambda scene: 0.0
-    estimate: Callable[[EchoScene], QuickEstimate | None] = lambda scene: None
     way: Callable[[EchoScene], str] = lambda scene: ""
 
     def missing(self, scene: EchoScene) -> str:
@@ -78,22 +73,8 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect("obliquity", SOLID, _has_surface, target_surface.obliquity),
     Effect("shadow_centre", OPAQUE, _opaque, target_surface.shadow_centre),
-    Effect(
-        "shadow_antennas",
-        OPAQUE,
-        _opaque,
-        target_surface.shadow_antennas,
-        target_surface.shadows_cost_s,
-        target_surface.estimate_shadow_antennas,
-    ),
-    Effect(
-        "shadow_diffraction",
-        OPAQUE,
-        _opaque,
-        target_surface.shadow_diffraction,
-        target_surface.shadows_cost_s,
-        target_surface.estimate_shadow_diffraction,
-    ),
+    Effect("shadow_antennas", OPAQUE, _opaque, target_surface.shadow_antennas),
+    Effect("shadow_diffraction", OPAQUE, _opaque, target_surface.shadow_diffraction),
     Effect(
         "skin",
         "a target of skin",
@@ -112,21 +93,12 @@ EFFECTS: tuple[Effect, ...] = (
         _rough,
         target_surface.roughness,
     ),
-    Effect(
-        "multipath",
-        OPAQUE,
-        _opaque,
-        multipath.multipath,
-        multipath.multipath_cost_s,
-        multipath.estimate_multipath,
-    ),
+    Effect("multipath", OPAQUE, _opaque, multipath.multipath),
     Effect(
         "motion",
         "[target.motion] with an amplitude, a velocity, a rotation or a pose",
         moves,
         motion.motion,
-        motion.motion_cost_s,
-        motion.estimate_motion,
         motion.way_of_motion,
     ),
     Effect(
@@ -136,12 +108,7 @@ EFFECTS: tuple[Effect, ...] = (
         sensor.coupling,
     ),
     Effect(
-        "clutter",
-        "[stand] with reflectivity_db",
-        lambda scene: bool(scene.room),
-        clutter.clutter,
-        clutter.clutter_cost_s,
-        clutter.estimate_clutter,
+        "clutter", "[stand] with reflectivity_db", lambda scene: bool(scene.room), clutter.clutter
     ),
     Effect("channels", "[sensor.channels] with an error", _imperfect_channels, sensor.channels),
     Effect(
@@ -171,3 +138,5 @@ EFFECTS: tuple[Effect, ...] = (
 )
 # An effect is included in the other one, if that is on.
 CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
+# Not needed where no part of the target hides another part or mirrors onto it.
+BETWEEN_PARTS = frozenset({"shadow_antennas", "shadow_diffraction", "multipath"})

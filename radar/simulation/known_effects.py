@@ -22,8 +22,8 @@ class Choice(Config):
     Sizes, None if they were not asked for or the scene has no cause: depth_mm: estimated change of
     the depths by 3-FSK; worst_mm: change of the depths by the method that it changes most;
     pixels_percent: lost and gained pixels; level_db: power of its change to the echoes, relative to
-    the echoes. Times: cost_s: estimated CPU seconds; seconds: measured ones (None: the effect is
-    off, or nothing was simulated).
+    the echoes. seconds: measured time (None: the effect is off, or nothing was simulated). cost_s:
+    in files of earlier versions only.
     """
 
     effect: str

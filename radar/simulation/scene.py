@@ -16,6 +16,7 @@ DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depth
 # coarse step between tones relative to depth_step_hz, as 200 MHz to 2.5 GHz
 COARSE = 0.08
 MOST_FOAM = 1.5
+CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
 USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
 
@@ -93,7 +94,7 @@ class EchoScene:
     seed of all random draws. origin_m [3]: the target's origin, to which causes.motion.pivot_m is
     relative; bent: the target's vertices [n, 3] as a function of time in seconds, with the motion
     of a hand's fingers alone (None: the target moves as a whole or not at all). depth_step_hz:
-    difference of two tones for which an effect's phase is converted to millimetres of depth.
+    difference of the two tones for which an ablation determines depths.
     polarisation_deg: direction of the antennas' electric field, from x towards y (used for balls
     and for echoes over two or more places).
 
@@ -170,25 +171,6 @@ class EchoScene:
         )
 
     @property
-    def strictness(self) -> float:
-        """How many times more a phase error changes the depth by two-tone FSK, with its close
-        tones, than the depth by the tones of `pair_hz`: at least 1; 1 if the close tone is not
-        measured."""
-        high_hz, low_hz = self.pair_hz
-        return (
-            1.0
-            if self.coarse_hz is None
-            else max((high_hz - low_hz) / (high_hz - self.coarse_hz), 1.0)
-        )
-
-    @property
-    def depth_m_per_rad(self) -> float:
-        """Depth in metres per radian of phase difference between the two tones of `pair_hz`: c /
-        (4πΔf)."""
-        high_hz, low_hz = self.pair_hz
-        return SPEED_OF_LIGHT_M_S / (4 * np.pi * (high_hz - low_hz))
-
-    @property
     def middle_m(self) -> np.ndarray:
         """The mean [3] of the centres of the target and of its balls, metres."""
         middles = [ball.centre_m for ball in self.balls]
@@ -202,7 +184,7 @@ class EchoScene:
 
     def cached(self, key: Hashable, make: Any) -> Any:
         """Return the value stored in this scene under `key`. The first time, it is computed by
-        make() and stored, so that all estimates of the scene share it."""
+        make() and stored, so that all effects of the scene share it."""
         if key not in self._cache:
             self._cache[key] = make()
         return self._cache[key]

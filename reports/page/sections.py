@@ -107,8 +107,8 @@ def stage_times(result: Result) -> Grid:
 
 def effects(result: Result) -> tuple[Grid | None, str]:
     """Return a table of the simulated physical effects that were on in a capture, and a sentence
-    that names the others. The table has the largest values over the captures of an effect's
-    estimated size and its computing time; it is None if no effect was on."""
+    that names the others. The table has the largest values over the captures of an effect's size
+    and its computing time; it is None if no effect was on."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
@@ -119,14 +119,13 @@ def effects(result: Result) -> tuple[Grid | None, str]:
             off.append(name)
             continue
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
-        sizes = (_largest(found, key) for key in ("depth_mm", "level_db", "cost_s", "seconds"))
+        sizes = (_largest(found, key) for key in ("depth_mm", "level_db", "seconds"))
         rows.append((name, why, f"{on} of {len(found)}", *sizes))
     caption = (
-        "Effects of simulated echoes and photographs: largest estimate, and seconds that "
-        "they cost, over the captures"
+        "Effects of simulated echoes and photographs: largest size and seconds over the captures"
     )
-    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "expected (s)")
-    grid = Grid(caption, (*headings, "took (s)"), tuple(rows), texts=2) if rows else None
+    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "took (s)")
+    grid = Grid(caption, headings, tuple(rows), texts=2) if rows else None
     return grid, f"Off: {', '.join(off)}." if off else ""
 
 

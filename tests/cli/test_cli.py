@@ -145,7 +145,7 @@ def test_effects_are_explained_before_and_kept_after_a_simulation(made, capsys, 
     rows = {row.effect: row for row in NativeCapture(made / "capture").about.effects}
     assert set(rows) == {*IDS, "echoes"}
     on, off = rows["obliquity"], rows["noise"]
-    assert on.on and "of the time" in on.why and on.seconds >= 0
+    assert on.on and "cause" in on.why and on.seconds >= 0
     assert not off.on and off.seconds is None and "needs [noise]" in off.why
 
 

@@ -23,7 +23,7 @@ from handbench.bench.scenes.echoes import echo_scene, echoes
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.studies.ablation.assorted_scenes import BEHIND_M, SKIN, assorted_scene
+from handbench.bench.studies.trust.assorted_scenes import BEHIND_M, SKIN, assorted_scene
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
 from handbench.radar.data.arrays import AntennaArray, qar50

@@ -14,11 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.effects.quick_estimate import CENTRE_M
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, join_facets, volume_m3
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, echo_reflection
 from handbench.radar.simulation.physics.spheres import foam_delays_m, foam_echoes, has_foam
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.scene import CENTRE_M, Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, ScatteringSurface, front_facets
 from handbench.support.rays import Rays
 

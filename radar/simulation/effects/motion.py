@@ -19,14 +19,6 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.effects.moving_surface import echoes_at_each_tone
-from handbench.radar.simulation.effects.quick_estimate import (
-    CLOSED,
-    FACET_S,
-    TONE_S,
-    QuickEstimate,
-    coarse_surface,
-    echo_s,
-)
 from handbench.radar.simulation.movement import displacement_m, frame_starts, reshapes
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
@@ -75,40 +67,6 @@ def _why_not_as_a_whole(scene: EchoScene) -> str:
 
 def _range_mm(scene: EchoScene) -> str:
     return f"{1e3 * float(np.ptp(reach_m(scene.causes.motion, scene.time_s))):.2g} mm"
-
-
-def motion_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds that the motion of one frame takes: of one displacement more, at
-    least, or of the echoes of each tone by itself."""
-    if not _why_not_as_a_whole(scene):
-        return echo_s(scene)
-    facets = 0 if scene.target is None else 4 * len(coarse_surface(scene, scene.body))
-    return len(scene.frequencies_hz) * (0.05 + facets * (FACET_S + TONE_S))
-
-
-def estimate_motion(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate how much motion changes depths: (f/Δf)·Δδ, where Δδ is the mean motion between the
-    highest tone f and another one Δf below it, for the tone with the largest such value. None
-    (unknown) where every tone sees the surface at its time."""
-    if _why_not_as_a_whole(scene):
-        return None
-    top = int(scene.frequencies_hz.argmax())
-    below_hz = scene.frequencies_hz[top] - scene.frequencies_hz
-    below_hz[below_hz == 0] = np.inf
-    moved_m = mean_change_m(scene.causes.motion, np.abs(scene.time_s - scene.time_s[top]))
-    worst_m = float((scene.frequencies_hz[top] / below_hz * moved_m).max())
-    return QuickEstimate(1e3 * worst_m, "(f/Δf)·Δδ of the motion between two tones", CLOSED)
-
-
-def mean_change_m(motion: Motion, apart_s: np.ndarray) -> np.ndarray:
-    """Return the mean |δ(t + T) − δ(t)| of the target's displacement δ, metres, for each interval T
-    of apart_s.
-
-    For the sine of amplitude a and frequency f, averaged over its phase, it is 2a|sin πfT| · 2/π;
-    the drift |v|T is added.
-    """
-    sine_m = motion.amplitude_m * 4 / np.pi * np.abs(np.sin(np.pi * motion.frequency_hz * apart_s))
-    return sine_m + abs(motion.velocity_m_s) * apart_s
 
 
 def reach_m(motion: Motion, time_s: np.ndarray) -> tuple[float, float]:

@@ -6,25 +6,16 @@ from __future__ import annotations
 import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.simulation.effects.quick_estimate import (
-    CENTRE_M,
-    QuickEstimate,
-    coarse_surface,
-    count_mirroring,
-    some_face_each_other,
-    visible_surface,
-)
 from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
 from handbench.radar.simulation.physics.creeping import round_ratios, roundness_of
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.physics.ray_tubes import mirrors_of, trace
-from handbench.radar.simulation.scene import EchoScene, Material
+from handbench.radar.simulation.scene import Material
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.parallel import for_each
 
 BOUNCES = 4  # places that a wave meets, at most
 PATCH = 0.25  # longest edge of a mirror, wavelengths
-SECONDS_PER_FACE, SECONDS_PER_TUBE = 3e-6, 2e-6
 
 
 def multipath(echoes: Echoes) -> Echoes:
@@ -79,29 +70,6 @@ def multipath(echoes: Echoes) -> Echoes:
     return echoes.add("multipath", echo)
 
 
-def multipath_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds that the simulation of multipath takes: of the echoes that reach the
-    receivers by way of several surfaces."""
-    antennas = sum(len(traced_nodes(array)[0]) for array in (scene.array, _exchanged(scene.array)))
-    tubes = _mirroring(scene) * 4 * antennas  # the coarse surface's facets are twice as wide
-    return SECONDS_PER_FACE * len(scene.body.faces) + SECONDS_PER_TUBE * tubes
-
-
-def estimate_multipath(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate how much echoes over several places change depths: not at all if no two facets face
-    each other, as on a convex surface; otherwise None (unknown)."""
-    surface = coarse_surface(scene, scene.body)
-    if scene.cached("facing", lambda: some_face_each_other(surface, scene.wavelength_m)):
-        return None
-    return QuickEstimate(0.0, "no two facets face each other")
-
-
 def _exchanged(array: AntennaArray) -> AntennaArray:
     """Return the array with transmitters and receivers exchanged."""
     return AntennaArray(array.rx_m, array.tx_m)
-
-
-def _mirroring(scene: EchoScene) -> int:
-    """Count the target's coarse facets that reflect a wave from the aperture's centre onto other
-    facets. The count is computed once per scene."""
-    return scene.cached("mirroring", lambda: count_mirroring(visible_surface(scene), CENTRE_M))

@@ -14,25 +14,13 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.quick_estimate import (
-    CENTRE_M,
-    QuickEstimate,
-    coarse_surface,
-    near_outlines,
-    visible_from,
-    visible_from_centre,
-)
-from handbench.radar.simulation.physics.diffraction import cached_edges, outline
-from handbench.radar.simulation.physics.facets import Facets, convex, face_vectors
-from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, lines, rays_of
+from handbench.radar.simulation.physics.facets import Facets, face_vectors
+from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
 from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from handbench.radar.simulation.physics.sight import NODES_M, samples_of, sight_of
-from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, front_facets, generator, require_facets
+from handbench.radar.simulation.scene import CENTRE_M, Body, EchoScene
+from handbench.radar.simulation.scene_echoes import Echoes, front_facets, generator
 
-FACETS_PER_S = 6e4  # coarse facets per CPU second, each tested from all antennas
-# points of an outline and facets that an estimate uses, at most
-OUTLINES, LOOKED_AT = 500, 2000
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an equilateral triangle's points along an axis over its area: 1/(6√3)
 
@@ -60,12 +48,6 @@ def shadow_centre(echoes: Echoes) -> Echoes:
     return replace(echoes, surface=echoes.surface.where(front))
 
 
-def shadows_cost_s(scene: EchoScene) -> float:
-    """Estimate the CPU seconds that computing the shadows of every antenna takes, sharp or
-    diffracted."""
-    return len(coarse_surface(scene, scene.body)) / FACETS_PER_S
-
-
 def shadow_antennas(echoes: Echoes) -> Echoes:
     """Compute for each antenna which facets it sees, with sharp shadows. Facets that no transmitter
     or no receiver sees are left out."""
@@ -79,22 +61,6 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
     tx, rx = np.split(seen, [len(array.tx_m)])
     surface = replace(echoes.surface, facets=facets, seen=(tx, rx))
     return replace(echoes, surface=surface.where(np.asarray(tx.any(axis=0) & rx.any(axis=0))))
-
-
-def estimate_shadow_antennas(scene: EchoScene) -> QuickEstimate:
-    """Estimate how much the antennas' own shadows change depths, from the share of the surface that
-    only a part of the array sees. Coarse facets are tested for this, from the ends and middles of
-    the antenna lines."""
-    facets, visible = coarse_surface(scene, scene.body), visible_from_centre(scene)
-    (tx, tx_all), (rx, rx_all) = (_from_ends(facets, leg.position_m) for leg in scene.array.legs)
-    disputed = ~(tx_all & rx_all & visible) & (tx & rx | visible)
-    cosine = -(facets.position_m * facets.normal).sum(axis=1) / np.linalg.norm(
-        facets.position_m, axis=1
-    )
-    faced_m2 = facets.area_m2 * np.maximum(cosine, 0)
-    ratio = float(faced_m2[disputed].sum() / max(faced_m2[visible].sum(), 1e-12))
-    why = f"depth buffers hide {100 * ratio:.2g} % of the visible surface from a part of the array"
-    return QuickEstimate.of_level(scene, ratio, why)
 
 
 def shadow_diffraction(echoes: Echoes) -> Echoes:
@@ -114,50 +80,6 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
     return replace(
         echoes, surface=replace(echoes.surface, facets=facets, seen=None, sight=sight).where(some)
     )
-
-
-def estimate_shadow_diffraction(scene: EchoScene) -> QuickEstimate | None:
-    """Estimate how much diffraction changes depths, from the share of the surface that is next to
-    or behind an outline as seen from the ends of the antenna lines.
-
-    None (unknown) if the scene has a room, since its bodies are behind the target's outline, and
-    for a body that is not convex if the share is 0.
-    """
-    if scene.room:
-        return None
-    body, every = scene.body, require_facets(coarse_surface(scene, scene.body))
-    facets, edges = (
-        every.where(np.arange(0, len(every), 1 + len(every) // LOOKED_AT)),
-        cached_edges(scene, body),
-    )
-    ratio = 0.0
-    for leg in scene.array.legs:
-        views_m = leg.position_m[np.unique([line[[0, -1]] for line in lines(leg.position_m)])]
-        for view_m in views_m:
-            middle_m = outline(body, edges, view_m).beside_m
-            outline_m = middle_m[:: 1 + len(middle_m) // OUTLINES]
-            near = near_outlines(
-                facets.position_m, facets.normal, outline_m, view_m, scene.wavelength_m
-            )
-            faced_m2 = facets.area_m2 * np.maximum(
-                ((view_m - facets.position_m) * facets.normal).sum(axis=1), 0
-            )
-            ratio += float(faced_m2[near].sum() / max(faced_m2.sum(), 1e-30)) / len(views_m)
-    if ratio == 0 and not convex(body):
-        return None
-    return QuickEstimate.of_level(
-        scene, ratio, f"{50 * ratio:.2g} % of the surface is next to or behind outlines"
-    )
-
-
-def _from_ends(facets: Facets, antennas_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return two boolean masks [p] of the facets: those visible from at least one of the views, and
-    those visible from all. The views are the ends and middles of the lines of antennas."""
-    views = [
-        n for line in lines(antennas_m) for n in np.unique(line[[0, (len(line) - 1) // 2, -1]])
-    ]
-    visible = np.stack([visible_from(facets, antennas_m[n]) for n in views])
-    return np.asarray(visible.any(axis=0)), np.asarray(visible.all(axis=0))
 
 
 def skin(echoes: Echoes) -> Echoes:

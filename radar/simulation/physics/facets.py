@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.scene import Body
 from handbench.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
-HULL = 1000  # vertices, at most, of a hull that is found quickly
-FILLED = 0.99  # of its hull's volume, a convex body that is rounded by facets
+SIDES = 12  # of a block, at most; a body with more may be round
+FLAT = 1e-5  # difference of the planes of faces of one side: of unit normals, and in metres
 
 
 @dataclass(frozen=True)
@@ -83,21 +82,20 @@ def volume_m3(body: Body) -> float:
     return abs(float((vectors * body.vertices_m[body.faces[:, 0]]).sum())) / 3
 
 
-def convex(body: Body) -> bool:
-    """Return True for a convex body: one that fills its convex hull, or is flat."""
-    volume, vertices_m = volume_m3(body), body.vertices_m
-    return all(
-        volume >= FILLED * _hull_m3(some)
-        for some in (vertices_m[:: 1 + len(vertices_m) // HULL], vertices_m)
-    )
-
-
-def _hull_m3(points_m: np.ndarray) -> float:
-    """Return the volume of the convex hull of points [n, 3]; 0 if they are in one plane."""
-    try:
-        return float(ConvexHull(points_m).volume)
-    except QhullError:
-        return 0.0
+def convex_block(body: Body) -> bool:
+    """Return True for a convex body with few flat sides, such as a plate or a box: all its vertices
+    are behind the plane of each side."""
+    normals = unit(face_vectors(body.vertices_m, body.faces))
+    offsets_m = (normals * body.vertices_m[body.faces[:, 0]]).sum(axis=1)
+    planes = np.column_stack([normals, offsets_m])
+    for _ in range(SIDES):
+        if len(planes) == 0:
+            break
+        side = planes[0]
+        if (body.vertices_m @ side[:3] > side[3] + FLAT).any():
+            return False
+        planes = planes[np.abs(planes - side).max(axis=1) > FLAT]
+    return len(planes) == 0
 
 
 def vertex_normals(body: Body) -> np.ndarray:

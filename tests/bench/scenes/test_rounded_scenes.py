@@ -84,7 +84,7 @@ def test_rounding_stays_rounding_with_each_effect(name):
     for effect in [*chosen, *([] if name == "hand B" else ["all"])]:  # all of a hand take 15 s
         listed = tuple(there) if effect == "all" else tuple(dict.fromkeys(["obliquity", effect]))
         one, other = (
-            simulate_scene(scene, choose(scene, listed, 0.1)).capture.samples
+            simulate_scene(scene, choose(scene, listed)).capture.samples
             for scene in (before, after)
         )
         bound = ONE_RAY if effect in (*CASTING, "all") else ROUNDING

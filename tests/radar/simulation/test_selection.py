@@ -1,94 +1,91 @@
-"""Selection of effects: the tolerance is a budget, a list is a list, and what a scene lacks is
-reported."""
+"""Selection of effects: "auto" is what the scene has a cause for, a list is a list, and what a
+scene lacks is reported."""
 
-import dataclasses
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from handbench.radar.simulation import selection
-from handbench.radar.simulation.catalogue import Effect
-from handbench.radar.simulation.effects.quick_estimate import QuickEstimate
-from handbench.radar.simulation.scene import Material
+from handbench.bench.scenes.stand import cuboid
+from handbench.radar.simulation.physics.facets import convex_block
+from handbench.radar.simulation.scene import Body, Material
+from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.errors import HandbenchError
-from tests.radar.simulation.effects.small_scenes import bead_scene
+from tests.radar.simulation.effects.plates import dihedral, joined, plate, sheet, sphere_body
+from tests.radar.simulation.effects.small_scenes import EVERYTHING, bead_scene
 
-
-def effect(name, worst_mm, lacks="", cost_s=1.0, **more):
-    def refuse(echoes):
-        raise AssertionError("a quick estimate applies nothing")
-
-    values = {"apply": refuse, "cost_s": lambda scene: cost_s} | more.pop("changed", {})
-    size = None if worst_mm is None else QuickEstimate(worst_mm, "as the test says", **more)
-    return Effect(name, lacks, lambda scene: not lacks, estimate=lambda scene: size, **values)
-
-
-@pytest.fixture
-def catalogue(monkeypatch):
-    def install(*effects):
-        monkeypatch.setattr(selection, "EFFECTS", effects)
-
-    return install
+FLAT = plate((-0.01, -0.01, 0.3), (0, 0.02, 0), (0.02, 0, 0), 8)
+BOX = Body(*cuboid(np.array([[-0.01, -0.01, 0.3], [0.01, 0.01, 0.302]]), 1e-3))
+CORNER = dihedral(0.02, 0.02, (0, 0, 0.3), 8)
+ROOM = (replace(sheet(0.1, 5e-3, 0.4), reflectivity_db=-80.0),)
+SHADOWS = {"shadow_centre", "shadow_antennas", "shadow_diffraction"}
 
 
 def on(choices):
-    return [choice.effect for choice in choices if choice.on]
-
-
-def test_what_is_left_out_stays_below_the_tolerance_together(catalogue):
-    sizes = {"a": 0.02, "b": 0.025, "c": 0.015, "d": 0.5, "e": 0.03}
-    catalogue(*(effect(name, size, factor=3.0) for name, size in sizes.items()))
-    choices = selection.choose(bead_scene(), "auto", 0.1)
-    # Twice 0.020 + 0.025 fit into 0.1; with 0.015 they would not, though each of them is small
-    # enough.
-    assert on(choices) == ["c", "d", "e"]
-    assert sum(selection.SAFETY * sizes[c.effect] for c in choices if not c.on) <= 0.1
-    assert all("about 0.02 mm" in c.why for c in choices if c.effect == "a")
-
-
-def test_a_quick_estimate_decides_as_far_as_it_is_sure(catalogue):
-    catalogue(
-        effect("a", 0.03),
-        effect("b", 0.03, factor=3.0),
-        effect("c", 0.009),
-        effect("d", 3.0),
-        effect("e", None),
-    )
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["a", "d", "e"]
-    assert on(selection.choose(bead_scene(), "auto", 1e-9)) == ["a", "b", "c", "d", "e"]
-    assert on(selection.choose(bead_scene(), "auto", 70.0)) == ["e"]
-
-
-def test_what_takes_no_time_is_on(catalogue):
-    catalogue(effect("clear", 0.001), effect("cheap", 0.001, cost_s=1e-6))
-    cheap = selection.choose(bead_scene(), "auto", 0.1)[1]
-    assert cheap.on and "of the time" in cheap.why
-
-
-def test_what_the_scene_lacks_is_off_and_reported(catalogue):
-    catalogue(effect("a", 9.0, lacks="[noise] in the scene"), effect("b", 9.0))
-    first, second = selection.choose(bead_scene(), "auto", 0.1)
-    assert not first.on and first.why == "needs [noise] in the scene" and first.depth_mm is None
-    assert second.on
+    return {choice.effect for choice in choices if choice.on}
 
 
 @pytest.mark.parametrize(
-    ("names", "message"), [(("nois",), "did you mean 'noise'"), (("noise", "noise"), "twice")]
+    ("scene", "expected"),
+    [
+        (bead_scene(target=FLAT), {"shadow_centre"}),
+        (bead_scene(target=BOX), {"shadow_centre"}),
+        (bead_scene(target=FLAT, room=ROOM), {"shadow_diffraction", "multipath", "clutter"}),
+        (bead_scene(), {"shadow_diffraction", "multipath"}),
+        (bead_scene(target=CORNER), {"shadow_diffraction", "multipath"}),
+        (bead_scene({"motion": {"amplitude_m": 1e-9}}, target=FLAT), {"shadow_centre", "motion"}),
+        (bead_scene(target=replace(FLAT, material=Material(kind="foam"))), {"dielectric"}),
+        (bead_scene(EVERYTHING), {"shadow_diffraction", "multipath", *EVERYTHING}),
+    ],
+)
+def test_auto_is_everything_that_the_scene_has_a_cause_for(scene, expected):
+    assert on(choose(scene, "auto")) == {"obliquity", *expected}
+
+
+@pytest.mark.parametrize("body", [FLAT, BOX])
+def test_what_auto_leaves_out_of_a_body_with_flat_sides_changes_nothing(body):
+    scene = bead_scene(target=body)
+    rows = choose(scene, "auto")
+    assert "flat sides" in rows[4].why
+    samples = simulate_scene(scene, rows).capture.samples
+    every = choose(scene, ("obliquity", "shadow_diffraction", "multipath"))  # as a list, they may
+    everything = simulate_scene(scene, every).capture.samples
+    assert np.linalg.norm(samples - everything) < 2e-3 * np.linalg.norm(everything)
+
+
+@pytest.mark.parametrize(
+    ("body", "flat"),
+    [
+        (FLAT, True),
+        (BOX, True),
+        (CORNER, False),
+        (joined(FLAT, replace(FLAT, vertices_m=FLAT.vertices_m + [0, 0, 0.01])), False),
+        (sphere_body(0.01), False),
+    ],
+)
+def test_blocks(body, flat):
+    turn = Rotation.from_rotvec([0.3, 0.5, 0.2]).as_matrix()
+    for vertices_m in (body.vertices_m, body.vertices_m @ turn.T):
+        assert convex_block(Body(vertices_m, body.faces)) == flat
+
+
+def test_what_the_scene_lacks_is_off_and_reported():
+    rows = {row.effect: row for row in choose(bead_scene(), "auto")}
+    assert not rows["noise"].on and rows["noise"].why.startswith("needs [noise]")
+    assert rows["shadow_centre"].why == "contained in shadow_antennas"
+    assert rows["noise"].depth_mm is None
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (("nois",), "did you mean 'noise'"),
+        (("noise", "noise"), "twice"),
+        (("clutter",), r"'clutter' needs \[stand\] with reflectivity_db; add this"),
+    ],
 )
 def test_names_are_checked(names, message):
     with pytest.raises(HandbenchError, match=message):
-        selection.choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names, 0.1)
-
-
-def test_per_antenna_shadows_contain_those_from_the_centre(catalogue):
-    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 2.0))
-    choices = selection.choose(bead_scene(), "auto", 0.1)
-    assert on(choices) == ["shadow_antennas"] and "contained" in choices[0].why
-    catalogue(effect("shadow_centre", 5.0), effect("shadow_antennas", 0.001))
-    assert on(selection.choose(bead_scene(), "auto", 0.1)) == ["shadow_centre"]
-
-
-@pytest.mark.parametrize("kind", ["skin", "plastic"])
-def test_how_strongly_a_target_echoes_is_never_left_out(kind):
-    body = dataclasses.replace(bead_scene().target, material=Material(kind=kind))
-    choices = selection.choose(bead_scene(target=body), "auto", 1e3)
-    assert {"obliquity", "skin" if kind == "skin" else "dielectric"} <= set(on(choices))
+        choose(bead_scene({"noise": {"phase_noise_rad": 0.1}}), names)

@@ -55,7 +55,7 @@ def against_exact(scene: str, material: str, *effects: str) -> Record:
         kept(scene, material),
     )
     simulated = EchoScene(array, TONES_HZ, np.zeros(len(TONES_HZ)), body(case))
-    chosen = choose(simulated, (*effects, *REFLECTION[MATERIALS[material].kind]), 1.0)
+    chosen = choose(simulated, (*effects, *REFLECTION[MATERIALS[material].kind]))
     capture = simulate_scene(simulated, chosen).capture
     known = RadarCapture(exact[None].astype(np.complex64), TONES_HZ, array)
     pairs = compared(maps(capture, ("2fsk", "3fsk")), maps(known, ("2fsk", "3fsk")), case)

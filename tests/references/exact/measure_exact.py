@@ -90,7 +90,7 @@ def compare(case: Case, work: Path, tones: str = "all", ways: bool = False) -> l
     reflection, found = REFLECTION[MATERIALS[case.material].kind], []
 
     def simulate(effects: tuple[str, ...]) -> RadarCapture:
-        return simulate_scene(scene, choose(scene, (*effects, *reflection), 1.0)).capture
+        return simulate_scene(scene, choose(scene, (*effects, *reflection))).capture
 
     ladder: dict[str, Callable[[], RadarCapture]] = {
         ", ".join(effects): partial(simulate, effects) for effects in LADDERS

@@ -62,7 +62,7 @@ def test_one_finger_echoes_as_the_exact_series_says(material):
         None if material == "metal" else np.full(2, dielectric_permittivity(MATERIALS[material]))
     )
     effects = ("obliquity", "shadow_centre", *(() if filling is None else ("dielectric",)))
-    found = simulate_scene(scene, choose(scene, effects, 1.0)).capture.samples[0]
+    found = simulate_scene(scene, choose(scene, effects)).capture.samples[0]
     exact = cylinder_echoes([finger], tones_hz, FEW, ALONG, filling)
     assert np.linalg.norm(found - exact) < 0.07 * np.linalg.norm(exact)
 
@@ -96,7 +96,7 @@ def test_clusters_of_spheres(name, bound):
     scene = EchoScene(
         array, tones_hz, np.zeros(len(tones_hz)), body(Case(name, spheres, "skin", ALONG))
     )
-    samples = simulate_scene(scene, choose(scene, (*TWICE, "dielectric"), 1.0)).capture.samples[0]
+    samples = simulate_scene(scene, choose(scene, (*TWICE, "dielectric"))).capture.samples[0]
     assert relative_error(samples, known[name.replace(" ", "_")]) < bound
 
 
@@ -106,5 +106,5 @@ def test_a_plate_s_edge():
     tones_hz = np.array([79.5e9, 82e9])
     body = plate((0.0, -0.16, 0.3), (0.0, 0.32, 0.0), (0.32, 0.0, 0.0), 160)
     scene = EchoScene(FEW, tones_hz, np.zeros(2), body)
-    samples = simulate_scene(scene, choose(scene, ("obliquity",), 1.0)).capture.samples[0]
+    samples = simulate_scene(scene, choose(scene, ("obliquity",))).capture.samples[0]
     assert relative_error(samples, half_plane_echoes(HalfPlane(0.0, 0.3), tones_hz, FEW)) < 0.06

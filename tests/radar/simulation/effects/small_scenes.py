@@ -34,8 +34,7 @@ EVERYTHING = {
 
 @pytest.fixture
 def no_random_numbers(monkeypatch):
-    """Refuses what scenes draw from; the estimates' own numbers, always the same, come from
-    elsewhere."""
+    """Refuses what scenes draw from."""
 
     def refuse(*arguments, **named):
         raise AssertionError("drew a random number")
@@ -54,7 +53,7 @@ def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) 
 
 def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:
     """The scene with the listed effects."""
-    return simulate_scene(scene, choose(scene, effects, 0.1), frames, **options)
+    return simulate_scene(scene, choose(scene, effects), frames, **options)
 
 
 def depth_shift_m(before, after, low: int = 0, high: int = 2) -> float:

@@ -38,7 +38,7 @@ def moving(target: Body, step_s=1e-3, times_s=None, **given) -> EchoScene:
 
 def simulated(scene: EchoScene, *effects: str, frames=1):
     """Samples [frame, f, t, r] of the scene with these effects."""
-    return simulate_scene(scene, choose(scene, effects, 0.1), frames).capture.samples
+    return simulate_scene(scene, choose(scene, effects), frames).capture.samples
 
 
 def difference(found: np.ndarray, expected: np.ndarray) -> float:
@@ -132,7 +132,7 @@ def test_frames_follow_each_other_only_with_a_period():
     apart = simulated(scene, "motion", frames=2)
     assert difference(apart[1, :1], apart[0, :1]) < 1e-6
     running = replace(scene, frame_period_s=0.01)
-    capture = simulate_scene(running, choose(running, ("motion",), 0.1), 3).capture
+    capture = simulate_scene(running, choose(running, ("motion",)), 3).capture
     assert capture.times_s.tolist() == scene.time_s.tolist()
     assert capture.frame_times_s == pytest.approx([0, 0.01, 0.02])
     for frame, start in enumerate(frame_starts(running, 3)):
@@ -174,7 +174,7 @@ def test_the_table_says_how_the_motion_is_simulated():
     names = [effect.id for effect in EFFECTS]
     for way, motion in ways.items():
         scene = moving(bead, **motion)
-        rows = choose(scene, "auto", 0.1)
+        rows = choose(scene, "auto")
         assert moves(scene) and way in rows[names.index("motion")].why
     assert not moves(moving(bead, pivot_m=[0.1, 0, 0], frame_period_s=1.0))
 

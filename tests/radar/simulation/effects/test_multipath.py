@@ -8,12 +8,11 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import echoes_of_moving
-from handbench.radar.simulation.effects.multipath import estimate_multipath, multipath
+from handbench.radar.simulation.effects.multipath import multipath
 from handbench.radar.simulation.physics.bundles import traced_nodes
 from handbench.radar.simulation.physics.ray_tubes import Hits, patches_of, tubes_around
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
-from handbench.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate, sphere_body
 
@@ -146,25 +145,6 @@ def test_layers_reflect_each_in_its_way(reflection, two, expected):
     layers = {"reflection": np.array(reflection)[:, None], "layer": (second & two).astype(int)}
     made = multipath(replace(bare, surface=replace(bare.surface, **layers)))
     assert relative_error(made.extra_echoes(), expected * twice(CORNER, TONE_HZ)) < 1e-6
-
-
-def test_an_estimate_is_sure_of_convex_bodies_alone():
-    flat, ball = (
-        plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 60),
-        sphere_body(0.01, (0, 0, 0.3)),
-    )
-    before = Rays.cast
-    for body, sure in ((flat, True), (ball, True), (FINGERS, False), (hollow(ball), False)):
-        estimate = estimate_multipath(EchoScene(qar50(), TONES_HZ, np.zeros(len(TONES_HZ)), body))
-        assert (estimate is not None and estimate.worst_mm == 0) == sure
-    assert Rays.cast == before
-
-
-def hollow(ball: Body) -> Body:
-    """The inner side of the ball's far half: a bowl, none of whose facets mirrors towards the array
-    over another."""
-    far = ball.vertices_m[ball.faces].mean(axis=1)[:, 2] > ball.vertices_m[:, 2].mean()
-    return replace(ball, faces=ball.faces[far][:, ::-1])
 
 
 def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):

@@ -5,7 +5,6 @@ import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.effects.target_surface import (
-    estimate_shadow_antennas,
     obliquity,
     shadow_antennas,
     shadow_centre,
@@ -87,14 +86,6 @@ def test_a_target_of_which_nothing_is_seen_is_refused():
     for effect in (shadow_centre, shadow_antennas):
         with pytest.raises(HandbenchError, match="no facet"):
             np.asarray(state(inverted, effect).samples)
-
-
-def test_an_estimate_casts_no_ray_and_sees_where_shadows_matter():
-    before = Rays.cast
-    fingers, sheet = scene(FINGERS), scene(SHEET)
-    assert estimate_shadow_antennas(fingers).worst_mm > 1
-    assert estimate_shadow_antennas(sheet).worst_mm < 0.02
-    assert Rays.cast == before
 
 
 @pytest.mark.parametrize("away", [(1, 0), (-1, 0), (0, 1), (0, -1)])

@@ -79,7 +79,7 @@ def test_time_inside_another_counts_once(monkeypatch):
 
 def test_frames_and_seeds():
     scene = bead_scene(EVERYTHING)
-    rows = choose(scene, "auto", 0.1)
+    rows = choose(scene, "auto")
     once, again = (simulate_scene(scene, rows, frames=2).capture.samples for _ in range(2))
     assert np.array_equal(once, again)
     other = simulate_scene(bead_scene(EVERYTHING, seed=4), rows, frames=2).capture.samples

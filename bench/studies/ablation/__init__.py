@@ -1,2 +1,0 @@
-"""Study of `effects = "auto"`, the automatic selection of simulated effects, on scenes of all
-kinds."""
