@@ -8,8 +8,9 @@ The board's corners are points with known positions, detected about ten times as
 features; COLMAP's adjustment does not support such points. They fix frame and scale, and they
 determine focal lengths and principal points, which features determine poorly.
 
-Features that only two of many photographs show are left out: false ones (such as apparent crossings
-of contours) cannot be detected, and many of them bias the cameras. The normal matrix of the
+Features that only two of many photographs show are left out where a board holds the cameras: false
+ones (such as apparent crossings of contours) cannot be detected, and many of them bias the cameras.
+Without a board they count, because cameras far apart have few others. The normal matrix of the
 cameras, after elimination of the points, is the joint information matrix (inverse covariance) of
 all cameras.
 """
@@ -35,7 +36,7 @@ MAD = 1.4826  # of a normal distribution: standard deviation over median absolut
 # and p.
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
 LEAST_SHARE = 0.05  # least redundancy, relative to the number of residuals, in the noise estimate
-FEWEST_SIGHTINGS = 3  # of a feature; 2 where there are three photographs only
+FEWEST_SIGHTINGS = 3  # of a feature beside a board; 2 without one or with three photographs only
 GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
 
 
@@ -139,7 +140,7 @@ class Bundle:
             for i, image in enumerate(self.images)
         }
         self.start = {c: np.array(self.model.cameras[c].params) for c in cameras}
-        fewest = min(FEWEST_SIGHTINGS, len(self.images) - 1)
+        fewest = min(FEWEST_SIGHTINGS if self.corners else 2, len(self.images) - 1)
         points = [point for _, point in sorted(self.model.points3D.items())]
         self.points = [
             p for p in points if len({element.image_id for element in p.track.elements}) >= fewest

@@ -22,7 +22,6 @@ from handbench.support.progress import say
 
 DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
-MOST_FEATURES = 4096  # of a photograph
 # longer side below which photographs are doubled in size, for features: others have enough of them
 SMALL_PX = 1200
 # longer side from which they are halved, where lenses are known and a board holds the cameras: most
@@ -129,7 +128,6 @@ def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, see
         )
     for octave, names in octaves.items():
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
-        options.sift.max_num_features = MOST_FEATURES
         options.sift.first_octave = octave
         if octave > 0:
             options.sift.peak_threshold = FAINT
