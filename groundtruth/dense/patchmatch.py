@@ -77,10 +77,8 @@ def refine(
     show background, which matches at no allowed disparity.
     """
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
-    sides = (RADIUS, RADIUS + 1, RADIUS, RADIUS + 1)
-    stereo = stereo._replace(
-        reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE)
-    )
+    padded = cv2.copyMakeBorder(stereo.reference, *[RADIUS] * 4, cv2.BORDER_REPLICATE)
+    stereo = stereo._replace(reference=padded)
     for iteration in range(iterations + 1):  # the first only evaluates what is there
         matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
         lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
