@@ -175,15 +175,13 @@ class RigMotion:
 def motion(
     first: Transform,
     second: Transform,
-    common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
 ) -> RigMotion:
     """Estimate the rig's motion between two captures of the target from the transforms (photo to
     radar frame) of both.
 
-    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations and cancels
-    in the difference; names: names of the captures, for messages. Raises HandbenchError if frames
-    or unknowns differ, or if a covariance is missing or smaller than common_m2.
+    names: names of the captures, for messages. Raises HandbenchError if frames or unknowns differ,
+    or if a covariance is missing or zero.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
@@ -193,15 +191,12 @@ def motion(
             f"{names[0]}, {names[1]}: their covariances have the sizes {sizes[0]} and {sizes[1]}; "
             "expected 6 and 6, or 7 and 7 with a scale; calibrate both with the same options"
         )
-    covariance = one + other
-    if common_m2 is not None:
-        covariance[:3, :3] -= 2 * np.asarray(common_m2)
     carry = adjoint(HAND_M, len(one))
-    covariance = carry @ covariance @ carry.T
+    covariance = carry @ (one + other) @ carry.T
     if np.linalg.eigvalsh(covariance)[0] <= 0:
         raise HandbenchError(
-            f"{names[0]}, {names[1]}: their covariances do not include the common error that is "
-            "given; calibrate both again, with the same target"
+            f"{names[0]}, {names[1]}: their covariances are zero in some direction; expected "
+            "positive ones; calibrate both again"
         )
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
