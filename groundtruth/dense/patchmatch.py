@@ -77,8 +77,10 @@ def refine(
     show background, which matches at no allowed disparity.
     """
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
-    padded = cv2.copyMakeBorder(stereo.reference, *[RADIUS] * 4, cv2.BORDER_REPLICATE)
-    stereo = stereo._replace(reference=padded)
+    sides = (RADIUS, RADIUS, RADIUS, RADIUS)
+    stereo = stereo._replace(
+        reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE)
+    )
     for iteration in range(iterations + 1):  # the first only evaluates what is there
         matching = cv2.blur((cost < HOPEFUL).astype(np.float32), (2 * REACH + 1, 2 * REACH + 1))
         lowest = np.where(matching > SHARE, low, np.nan) if iteration else low
