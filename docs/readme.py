@@ -84,10 +84,7 @@ def record(result: Result, root: Path = ROOT) -> dict[str, Any]:
     rows = [
         result.row(metric, method, reference) for metric, reference in shown for method in METHODS
     ]
-    lines, titles = (
-        frame(TABLE, filter(None, rows)),
-        {method.name: method.title for method in result.about.methods},
-    )
+    lines, titles = (frame(TABLE, filter(None, rows)), result.about.method_titles)
     equal = result.equal[result.equal.method.isin(METHODS)]
     undefined = {metric for metric, _ in shown} - result.about.metrics.keys()
     if undefined or lines.value.isna().all():

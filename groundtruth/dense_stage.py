@@ -47,7 +47,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
             bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
         )
     say(bounds.shifted(solved.origin_m).describe())
-    cloud = dense_cloud(registered, solved, chosen, bounds.box())
+    cloud = clean(_fused(registered, solved, chosen, bounds.box(), chosen.effort))
     warn_of_cuts(bounds, cloud, plane)
     cloud.shifted(solved.origin_m).save(folder / CLOUD)
     write_json(folder / VOLUME, vars(bounds.shifted(solved.origin_m)))
@@ -58,21 +58,6 @@ def coarser(shrink: int, cameras: Iterable[Camera]) -> int:
     less for small photographs, of which at least 64 rows remain where `shrink` leaves as many."""
     rows = min(min(camera.width, camera.height) for camera in cameras)
     return max(shrink, min(COARSER * shrink, rows // COARSEST_PX))
-
-
-def dense_cloud(
-    photos: tuple[Photo, ...],
-    sparse: Sparse,
-    options: DenseOptions,
-    box_m: np.ndarray | None = None,
-) -> Cloud:
-    """Compute the fused cloud of registered photographs, with outliers removed, at the quality set
-    in the options.
-
-    sparse: their cameras and points. box_m [2, 3]: region of interest in the mesh's frame (None:
-    everything).
-    """
-    return clean(_fused(photos, sparse, options, box_m, options.effort))
 
 
 def _fused(

@@ -9,21 +9,15 @@ The echo is E = I − jQ, which is focused by e^{+jkR}, as all echoes in handben
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import PlanarScan
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.echoes_file import save_capture
 from handbench.support.errors import HandbenchError
-from handbench.support.files import (
-    atomic_folder,
-    read_array,
-    read_text,
-    require_file,
-    require_folder,
-)
+from handbench.support.files import read_array, read_text, require_file, require_folder
 from handbench.support.limits import CSV_BYTES
 
 MOST_TONES, LARGEST = 100_000, 1e13
@@ -54,9 +48,7 @@ def import_planar_scan(source: str | Path, folder: str | Path) -> None:
         frequencies_hz,
         PlanarScan(_positions(data.shape[2:], step_m)),
     )
-    with atomic_folder(folder) as temporary:
-        save_capture(temporary / ECHOES, capture)
-        save_capture_file(temporary, _description(frequencies_hz, data.shape[2:], step_m))
+    save_echoes_folder(folder, capture, _facts(frequencies_hz, data.shape[2:], step_m))
 
 
 def _read_arrays(path: Path) -> list[np.ndarray]:
@@ -124,12 +116,12 @@ def _positions(shape: tuple[int, ...], step_m: np.ndarray) -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
 
-def _description(
+def _facts(
     frequencies_hz: np.ndarray, shape: tuple[int, ...], step_m: np.ndarray
-) -> CaptureFile:
-    """Make the capture's description, with settings of each method that suit this sensor's tones
-    and aperture. shape: number of positions along x and y; step_m: distances between them,
-    metres."""
+) -> dict[str, Any]:
+    """Return the fields of the capture's description, with settings of each method that suit this
+    sensor's tones and aperture. shape: number of positions along x and y; step_m: distances between
+    them, metres."""
     lateral = {
         axis: {"start_m": -(n - 1) / 2 * step, "stop_m": (n - 1) / 2 * step, "step_m": 2 * step}
         for axis, n, step in zip("xy", shape, step_m.tolist(), strict=True)
@@ -141,15 +133,14 @@ def _description(
     unambiguous = {"z": {"start_m": 0.082, "stop_m": 0.118, "step_m": 0.001}}
     fsk = {**lateral, **tones, "first_depth_m": 0.10}
     sweep = {"start_hz": low, "stop_hz": high, "count": len(frequencies_hz)}
-    return CaptureFile(
-        name="foam-panel",
-        kind="scan",
-        contains=(ECHOES,),
-        source="22.2–26.2 GHz stepped-CW raster scan of a foam panel with one transceiver",
-        methods={
+    return {
+        "name": "foam-panel",
+        "kind": "scan",
+        "source": "22.2–26.2 GHz stepped-CW raster scan of a foam panel with one transceiver",
+        "methods": {
             "2fsk": fsk,
             "3fsk": {**fsk, "f3_hz": low},
             "broadband": {**lateral, **depth, **sweep},
             "narrowband": {**lateral, **unambiguous, **tones, "f3_hz": low},
         },
-    )
+    }

@@ -1,6 +1,7 @@
 """Capture folders: handbench's own format for the data of one scene."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,11 +16,11 @@ from handbench.calibration.echoes.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.simulation.known_effects import Choice
-from handbench.support.config import Config, Name, load
+from handbench.support.config import Config, Name, load, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, inside, require_folder, write_text
+from handbench.support.files import atomic_folder, content_hash, inside, require_folder, write_text
 from handbench.support.progress import say
 
 WHAT = "a capture (capture.toml, echoes.h5, …)"
@@ -73,6 +74,16 @@ class CaptureFile(Config):
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
     """Write a capture's description to `capture.toml` in its folder, atomically."""
     write_text(folder / DESCRIPTION, tomlkit.dumps(description.model_dump(exclude_none=True)))
+
+
+def save_echoes_folder(folder: str | Path, capture: RadarCapture, facts: Mapping[str, Any]) -> None:
+    """Write a capture folder that has only echoes and their description, atomically. facts: fields
+    of `CaptureFile`; without a name, it gets that of the folder."""
+    facts = {"name": Path(folder).resolve().name, "contains": (ECHOES,)} | dict(facts)
+    description = parse(CaptureFile, facts, str(folder))
+    with atomic_folder(folder) as temporary:
+        save_capture(temporary / ECHOES, capture)
+        save_capture_file(temporary, description)
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,12 @@ import numpy as np
 from scipy.signal import hilbert
 
 from handbench.bench.datasets.method_tables import method_tables
-from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from handbench.bench.datasets.native import save_echoes_folder
 from handbench.bench.datasets.ti_boards import antennas
 from handbench.bench.datasets.ti_profile import WHAT
 from handbench.bench.datasets.ti_samples import read_raw
-from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.recording import Recording
-from handbench.support.config import parse
-from handbench.support.files import atomic_folder, require_folder
+from handbench.support.files import require_folder
 
 
 def import_ti_raw(
@@ -44,10 +42,6 @@ def import_ti_raw(
     about = {"source": " ".join(filter(None, ("TI raw capture", profile.board)))}
     recording = Recording(samples, profile.tones_hz(), places_m, None, gains, profile.sweeps, about)
     capture = recording.capture()
-    name, methods = Path(folder).resolve().name, method_tables(capture)
-    facts = {"name": name, "kind": "other", "contains": (ECHOES,), "methods": methods}
+    facts = {"kind": "other", "methods": method_tables(capture)}
     facts["unknown"] = ("range_offset",)  # of the board and its cables
-    description = parse(CaptureFile, facts | about, str(folder))
-    with atomic_folder(folder) as temporary:
-        save_capture(temporary / ECHOES, capture)
-        save_capture_file(temporary, description)
+    save_echoes_folder(folder, capture, facts | about)

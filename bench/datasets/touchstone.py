@@ -16,15 +16,14 @@ from typing import Any, Literal
 import numpy as np
 
 from handbench.bench.datasets.method_tables import method_tables
-from handbench.bench.datasets.native import ECHOES, CaptureFile, save_capture_file
+from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import positions
-from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.recording import Recording
 from handbench.support.caller import option
 from handbench.support.config import Config, parse
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, inside, read_bytes, read_csv, require_folder
+from handbench.support.files import inside, read_bytes, read_csv, require_folder
 from handbench.support.limits import TOUCHSTONE_BYTES
 
 POSITIONS = "positions.csv"
@@ -79,12 +78,8 @@ def import_touchstone(
     tables, pairs = ({"position_m": tx_m}, None) if moved else _pairs(tx_m, rx_m)
     about = {"source": f"Touchstone files, {wanted or USUAL[Path(names[0]).suffix.lower()]}"}
     capture = Recording(samples[None, None], frequencies_hz, tables, pairs, about=about).capture()
-    name, kind = Path(folder).resolve().name, "scan" if moved else "other"
-    facts = {"name": name, "kind": kind, "contains": (ECHOES,), "methods": method_tables(capture)}
-    description = parse(CaptureFile, facts | about, str(folder))
-    with atomic_folder(folder) as temporary:
-        save_capture(temporary / ECHOES, capture)
-        save_capture_file(temporary, description)
+    facts = {"kind": "scan" if moved else "other", "methods": method_tables(capture)}
+    save_echoes_folder(folder, capture, facts | about)
 
 
 def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarray, np.ndarray]:

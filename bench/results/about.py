@@ -154,6 +154,11 @@ class About(Config):
     facts: dict[str, Any] = Field(default_factory=dict)
     failures: tuple[Failure, ...] = ()
 
+    @property
+    def method_titles(self) -> dict[str, str]:
+        """Name → title of the methods, in the order of the table."""
+        return {method.name: method.title for method in self.methods}
+
 
 def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
     """Read result.json, or a file like it, and check it against a `model`.

@@ -155,7 +155,7 @@ def comparisons(result: Result) -> pd.DataFrame:
     With their own settings, methods are compared by the metrics that the protocol names, against
     each reference. Under equal treatment, they are compared against the reference that covers the
     most surface."""
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     reference, treated = equal_treatment_scores(result.scores, result.scored())
     found = [frame(COMPARISONS)]
     metrics = compared_metrics(result.about.protocol)

@@ -52,7 +52,7 @@ def register_captures(
             measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m)
         )
     pairs, common_m2 = zip(*measured, strict=True)
-    return combine(pairs, False, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
+    return combine(pairs, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
 
 
 def common_target(captures: Sequence[Path]) -> Target:

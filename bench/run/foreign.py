@@ -24,13 +24,12 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import ECHOES, FAR_M, CaptureFile, save_capture_file
+from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_folder
 from handbench.bench.pipeline.image import configured
 from handbench.bench.run import supervisor
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.errors import HandbenchError
@@ -107,11 +106,7 @@ def run(
         room = Path(tempfile.mkdtemp(prefix="handbench-foreign-"))
         ending.callback(_delete, room)
         echoes, file = room / "capture", room / "depth.npz"
-        echoes.mkdir()
-        save_capture(echoes / ECHOES, data.echoes(1))
-        save_capture_file(
-            echoes, CaptureFile(name=data.about.name, kind="other", contains=(ECHOES,))
-        )
+        save_echoes_folder(echoes, data.echoes(1), {"name": data.about.name, "kind": "other"})
         places = {"{capture}": str(echoes), "{depth}": str(file)}
         for name, place in places.items():
             command = [word.replace(name, place) for word in command]

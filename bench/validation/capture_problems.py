@@ -133,12 +133,12 @@ def is_of_photographs(folder: Path) -> bool:
     )
 
 
-def capture_problems(folder: Path, scored: bool | None = True) -> Found[CheckedCapture]:
+def capture_problems(folder: Path, scored: bool) -> Found[CheckedCapture]:
     """Yield all problems of a capture of any supported form. Returns what the checks of a benchmark
     need to know of it.
 
     A missing file is a problem only if something needs it. scored: whether a reference surface is
-    needed; with None, echoes are enough.
+    needed; if not, echoes are enough.
     """
     native = is_native(folder)
     capture = (

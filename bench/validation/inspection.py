@@ -78,7 +78,7 @@ def inspect(
     name: a path, or a benchmark's name. mesh, transform: for a depth map, the surface that it
     shows, and the transform of this surface to the radar frame.
     """
-    found = list(problems_of(name, None, mesh, transform))
+    found = list(problems_of(name, mesh, transform))
     yield from found
     if not all(problem.warning for problem in found):
         return
@@ -124,20 +124,19 @@ def _is_raw(folder: Path) -> bool:
 
 
 def problems_of(
-    name: str, scored: bool | None = True, mesh: Path | None = None, transform: Path | None = None
+    name: str, mesh: Path | None = None, transform: Path | None = None
 ) -> Iterator[Problem]:
     """Yield the problems of one input that can be found without imaging.
 
     name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, a result
     or a trade-off), the name of a benchmark, or the file of a benchmark, a scene, a target, a
-    board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. scored:
-    whether a capture needs a reference surface (None: it need not have one; what a capture can be
-    used for is printed then). mesh, transform: for a depth map, the surface that it shows, and the
-    transform of this surface to the radar frame.
+    board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. mesh,
+    transform: for a depth map, the surface that it shows, and the transform of this surface to the
+    radar frame.
     """
     path = Path(name)
     if path.is_dir():
-        yield from _folder(path, scored)
+        yield from _folder(path)
         return
     try:
         path = path if path.suffix.lower() == ".npz" else find_benchmark(name)
@@ -161,25 +160,26 @@ def problems_of(
         yield from _description(path)
 
 
-def _folder(path: Path, scored: bool | None) -> Iterator[Problem]:
+def _folder(path: Path) -> Iterator[Problem]:
+    """Yield the problems of a folder. Prints what a single capture can be used for."""
     if (path / "result.json").is_file():
         result = yield from attempt(path, partial(load_result, path))
         yield from warnings_at(path, result_warnings(result) if result else ())
     elif _is_result(path):
         yield from attempt(path, partial(load_tradeoff, path))
     elif is_native(path):
-        facts = yield from capture_problems(path, scored)
-        if scored is None and facts.use:
+        facts = yield from capture_problems(path, scored=False)
+        if facts.use:
             print(f"{path}: {facts.use}")
     elif is_of_photographs(path):
-        yield from photo_problems(path, bool(scored))
+        yield from photo_problems(path, scaled=False)
     elif is_ti_raw(path):
         yield from attempt(path, partial(read_raw, path, {}))
     else:
         folders = yield from attempt(path, lambda: captures(path))
         names: dict[str, Path] = {}
         for folder in track(folders or (), "captures"):
-            facts = yield from capture_problems(folder, scored)
+            facts = yield from capture_problems(folder, scored=False)
             if (
                 facts.about is not None
                 and (other := names.setdefault(facts.about.name, folder)) != folder

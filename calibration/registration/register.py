@@ -87,16 +87,15 @@ def common_pairs(
     )
 
 
-def solve(pairs: Pairs, with_scale: bool = False, common_m2: np.ndarray | None = None) -> Transform:
+def solve(pairs: Pairs, common_m2: np.ndarray | None = None) -> Transform:
     """Compute the transform from the photo frame to the radar frame from pairs of centres, by
     maximum likelihood, with its covariance and the residual of every pair.
 
-    Pairs that contradict the majority are reported and left out. with_scale: estimate a scale too;
-    common_m2 [3, 3]: covariance (m²) of an error common to all pairs, added to the translation's.
-    Raises HandbenchError if the pairs do not determine the rotation, or contradict one another so
-    that there is no majority.
+    Pairs that contradict the majority are reported and left out. common_m2 [3, 3]: covariance (m²)
+    of an error common to all pairs, added to the translation's. Raises HandbenchError if the pairs
+    do not determine the rotation, or contradict one another so that there is no majority.
     """
-    kept, found = majority(pairs, with_scale)
+    kept, found = majority(pairs)
     residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
     for i in np.flatnonzero(~kept):
         say(
@@ -176,15 +175,13 @@ class RigMotion:
 def motion(
     first: Transform,
     second: Transform,
-    common_m2: np.ndarray | None = None,
     names: tuple[str, str] = ("the first capture", "the second"),
 ) -> RigMotion:
     """Estimate the rig's motion between two captures of the target from the transforms (photo to
     radar frame) of both.
 
-    common_m2 [3, 3]: covariance (m²) of an error that is the same in both translations and cancels
-    in the difference; names: names of the captures, for messages. Raises HandbenchError if frames
-    or unknowns differ, or if a covariance is missing or smaller than common_m2.
+    names: names of the captures, for messages. Raises HandbenchError if frames or unknowns differ,
+    or if a covariance is missing or zero.
     """
     second.require(first.source, first.target, names[1])
     one, other = first.covariance, second.covariance
@@ -194,15 +191,12 @@ def motion(
             f"{names[0]}, {names[1]}: their covariances have the sizes {sizes[0]} and {sizes[1]}; "
             "expected 6 and 6, or 7 and 7 with a scale; calibrate both with the same options"
         )
-    covariance = one + other
-    if common_m2 is not None:
-        covariance[:3, :3] -= 2 * np.asarray(common_m2)
     carry = adjoint(HAND_M, len(one))
-    covariance = carry @ covariance @ carry.T
+    covariance = carry @ (one + other) @ carry.T
     if np.linalg.eigvalsh(covariance)[0] <= 0:
         raise HandbenchError(
-            f"{names[0]}, {names[1]}: their covariances do not include the common error that is "
-            "given; calibrate both again, with the same target"
+            f"{names[0]}, {names[1]}: their covariances are zero in some direction; expected "
+            "positive ones; calibrate both again"
         )
     turn = Rotation.from_matrix(second.rotation @ first.rotation.T).as_rotvec()
     shift_m = second.points(first.inverse().points(HAND_M)) - HAND_M
@@ -212,7 +206,6 @@ def motion(
 
 def combine(
     captures: Sequence[Pairs],
-    with_scale: bool = False,
     common_m2: np.ndarray | None = None,
     names: Sequence[str] = (),
     ball_offset_sigma_m: float = 0.0,
@@ -220,11 +213,11 @@ def combine(
     """Compute the transform from the photo frame to the radar frame from several captures of one
     target, by joint weighted least squares. Residuals are in the order of the captures.
 
-    with_scale: estimate a scale too; names: names of the captures, for messages. common_m2 [3, 3]:
-    covariance (m²) of an error common to all pairs and captures, which averaging does not reduce.
-    ball_offset_sigma_m: standard deviation of the balls' offsets in their spheres, part of the
-    pairs' covariances; it is not reduced either, since the target is assumed to keep its
-    orientation. Raises HandbenchError if the rig moved between two captures.
+    names: names of the captures, for messages. common_m2 [3, 3]: covariance (m²) of an error common
+    to all pairs and captures, which averaging does not reduce. ball_offset_sigma_m: standard
+    deviation of the balls' offsets in their spheres, part of the pairs' covariances; it is not
+    reduced either, since the target is assumed to keep its orientation. Raises HandbenchError if
+    the rig moved between two captures.
     """
     names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
     both = zip(names, captures, strict=True)
@@ -232,17 +225,15 @@ def combine(
         replace(pairs, names=tuple(f"{name}, {pair}" for pair in pairs.names))
         for name, pairs in both
     ]
-    require_no_motion([solve(pairs, with_scale) for pairs in named], names)
-    found = solve(sum(named[1:], named[0]), with_scale, common_m2)
+    require_no_motion([solve(pairs) for pairs in named], names)
+    found = solve(sum(named[1:], named[0]), common_m2)
     covariance = found.require_covariance()
     # covariance by the balls' offsets only, about the origin
-    unknowns, offsets = (len(covariance), [])
+    offsets = []
     for pairs in named:
         middle_m = pairs.target_m.mean(axis=0)
-        jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :unknowns].reshape(
-            -1, unknowns
-        )
-        carry = adjoint(-middle_m, unknowns)
+        jacobian = perturbation_jacobian(pairs.target_m - middle_m)[..., :6].reshape(-1, 6)
+        carry = adjoint(-middle_m, 6)
         offsets.append(
             ball_offset_sigma_m**2 * carry @ np.linalg.inv(jacobian.T @ jacobian) @ carry.T
         )

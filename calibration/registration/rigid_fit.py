@@ -1,4 +1,4 @@
-"""Fit of a similarity to pairs of centres by weighted least squares, with rejection of pairs that
+"""Fit of a rigid motion to pairs of centres by weighted least squares, with rejection of pairs that
 contradict the majority.
 
 Coordinates are relative to the pairs' middle: far from it, rotation and translation are numerically
@@ -106,45 +106,41 @@ class Pairs:
             self, source_m=self.source_m * flip, source_m2=self.source_m2 * np.outer(flip, flip)
         )
 
-    def weights(self, with_scale: bool) -> np.ndarray:
-        """Compute the weight of each pair [n], 1/m², for the closed-form fit: the inverse of its
-        residual's variance, averaged over the axes. with_scale: a scale is fitted too, so the
-        source's variances are scaled to the target's size first."""
-        extents = [
-            np.linalg.norm(side - side.mean(axis=0)) for side in (self.source_m, self.target_m)
-        ]
-        scale2 = (extents[1] / extents[0]) ** 2 if with_scale and extents[0] > 0 else 1.0
-        return 3 / np.trace(scale2 * self.source_m2 + self.target_m2, axis1=1, axis2=2)
+    @property
+    def weights(self) -> np.ndarray:
+        """The weight of each pair [n], 1/m², for the closed-form fit: the inverse of its residual's
+        variance, averaged over the axes."""
+        return 3 / np.trace(self.source_m2 + self.target_m2, axis1=1, axis2=2)
 
-    def covariances(self, linear: np.ndarray) -> np.ndarray:
-        """Compute the covariances [n, 3, 3] of the residuals, m², for a similarity with the linear
-        part L = s·R [3, 3]: L·C_p·Lᵀ + C_q, with the covariances C_p of source points and C_q of
-        target points."""
-        return linear @ self.source_m2 @ linear.T + self.target_m2
+    def covariances(self, rotation: np.ndarray) -> np.ndarray:
+        """Compute the covariances [n, 3, 3] of the residuals, m², for a rotation R [3, 3]:
+        R·C_p·Rᵀ + C_q, with the covariances C_p of source points and C_q of target points."""
+        return rotation @ self.source_m2 @ rotation.T + self.target_m2
 
     def offsets(self, matrix: np.ndarray) -> np.ndarray:
-        """Compute the residuals [n, 3], metres, of a similarity [4, 4]: target minus transformed
-        source points, q − s·R·p − t."""
+        """Compute the residuals [n, 3], metres, of a rigid motion [4, 4]: target minus transformed
+        source points, q − R·p − t."""
         return self.target_m - self.source_m @ matrix[:3, :3].T - matrix[:3, 3]
 
     def distances(self, matrix: np.ndarray) -> np.ndarray:
-        """Compute the lengths [n] of the residuals of a similarity [4, 4] in standard deviations
+        """Compute the lengths [n] of the residuals of a rigid motion [4, 4] in standard deviations
         (Mahalanobis distances)."""
         return mahalanobis(self.offsets(matrix), np.linalg.inv(self.covariances(matrix[:3, :3])))
 
-    def condition(self, with_scale: bool) -> float:
-        """Compute how unevenly the pairs determine the rotation: its uncertainty about the worst
-        axis divided by that about the best one. with_scale: a scale is fitted too."""
-        return condition_number(self.source_m, self.target_m, self.weights(with_scale))
+    @property
+    def condition(self) -> float:
+        """How unevenly the pairs determine the rotation: its uncertainty about the worst axis
+        divided by that about the best one."""
+        return condition_number(self.source_m, self.target_m, self.weights)
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A similarity fitted to pairs of points, matrix [4, 4], and its quality.
+    """A rigid motion fitted to pairs of points, matrix [4, 4], and its quality.
 
-    covariance [6, 6] or [7, 7]: that of [translation_m, rotation_rad(, log scale)] about the point
-    pivot_m [3] in the target's frame; distances [n]: residuals in standard deviations; freedom:
-    degrees of freedom, number of residuals minus that of unknowns.
+    covariance [6, 6]: that of [translation_m, rotation_rad] about the point pivot_m [3] in the
+    target's frame; distances [n]: residuals in standard deviations; freedom: degrees of freedom,
+    number of residuals minus that of unknowns.
     """
 
     matrix: np.ndarray
@@ -156,59 +152,54 @@ class RigidFit:
     def covariance_about_origin(self) -> np.ndarray:
         """Convert the covariance, which is about pivot_m, to one about the origin of the target
         frame, as in `Transform`."""
-        carry = adjoint(-self.pivot_m, len(self.covariance))
+        carry = adjoint(-self.pivot_m, 6)
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:
         """Compute the residuals [n] of pairs that were not fitted, in standard deviations: those of
         the pairs' own errors and the fit's uncertainty together."""
         offsets = pairs.offsets(self.matrix)
-        jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[
-            ..., : len(self.covariance)
-        ]
+        jacobian = perturbation_jacobian(pairs.target_m - offsets - self.pivot_m)[..., :6]
         spread = jacobian @ self.covariance @ np.swapaxes(jacobian, -1, -2)
         return mahalanobis(offsets, np.linalg.inv(pairs.covariances(self.matrix[:3, :3]) + spread))
 
 
-def fit(pairs: Pairs, with_scale: bool = False) -> RigidFit:
-    """Fit the similarity from source to target points by maximum likelihood, without rejecting any
-    pair. with_scale: estimate a scale too. The pairs must determine a rotation.
+def fit(pairs: Pairs) -> RigidFit:
+    """Fit the rigid motion from source to target points by maximum likelihood, without rejecting
+    any pair. The pairs must determine a rotation.
 
     The fit starts from the closed form (Umeyama 1991, weighted). Gauss–Newton steps then minimise Σ
-    dᵀC⁻¹d with d = q − s·R·p − t and C = s²·R·C_p·Rᵀ + C_q; large residuals have reduced weights
+    dᵀC⁻¹d with d = q − R·p − t and C = R·C_p·Rᵀ + C_q; large residuals have reduced weights
     (Huber). The covariance is the inverse of the normal matrix; if the residuals contradict it (99
     %), it is enlarged by χ² over the degrees of freedom. Raises HandbenchError if the pairs
     contradict one another so far that the equations are singular.
     """
-    unknowns = 7 if with_scale else 6
     p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
     near = replace(pairs, source_m=pairs.source_m - p_mean, target_m=pairs.target_m - q_mean)
     extent_m = np.linalg.norm(near.target_m, axis=1).max()
-    matrix = umeyama(near.source_m, near.target_m, with_scale, near.weights(with_scale))
+    matrix = umeyama(near.source_m, near.target_m, weights=near.weights)
     for _ in range(MAX_STEPS):
         offsets = near.offsets(matrix)
         information = np.linalg.inv(near.covariances(matrix[:3, :3]))
         distances = mahalanobis(offsets, information)
         information *= np.minimum(1, HUBER / np.maximum(distances, HUBER))[:, None, None]
-        jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :unknowns]
+        jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :6]
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         step = _solve(normal, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
         # pairs that contradict one another drive it anywhere
         step /= max(1.0, np.abs(step[3:]).max())
         change = np.eye(4)
-        change[:3, :3] = (
-            np.exp(step[6] if with_scale else 0.0) * Rotation.from_rotvec(step[3:6]).as_matrix()
-        )
+        change[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
         change[:3, 3] = step[:3]
         matrix = change @ matrix
         if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
             break
-    freedom = 3 * len(pairs) - unknowns
+    freedom = 3 * len(pairs) - 6
     misfit = float(distances @ distances)
     inflation = max(1.0, misfit / freedom) if misfit > chdtri(freedom, 0.01) else 1.0
     whole = matrix.copy()
     whole[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
-    return RigidFit(whole, q_mean, inflation * _solve(normal, np.eye(unknowns)), distances, freedom)
+    return RigidFit(whole, q_mean, inflation * _solve(normal, np.eye(6)), distances, freedom)
 
 
 def mahalanobis(offsets: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -231,24 +222,20 @@ def _solve(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         ) from error
 
 
-def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidFit]:
-    """Find the majority of pairs that agree on one similarity: (boolean mask [n], fit to these
-    pairs). with_scale: estimate a scale too.
+def majority(pairs: Pairs) -> tuple[np.ndarray, RigidFit]:
+    """Find the majority of pairs that agree on one rigid motion: (boolean mask [n], fit to these
+    pairs).
 
     Raises HandbenchError if the pairs do not determine the rotation (with their condition number),
     if more of them agree as a mirror image, and if fewer than four, or fewer than 60 %, agree.
     Three of four are not enough: in a plane they equal their mirror image, and three distances
     agree by chance more often than six.
     """
-    kept, found = _largest_agreement(pairs, with_scale)
+    kept, found = _largest_agreement(pairs)
     agree = int(kept.sum())
     mirrored = 0
     with suppress(HandbenchError):  # every three of the mirror image leave a rotation open
-        mirrored = (
-            int(_largest_agreement(pairs.mirrored(), with_scale)[0].sum())
-            if agree < len(pairs)
-            else 0
-        )
+        mirrored = int(_largest_agreement(pairs.mirrored())[0].sum()) if agree < len(pairs) else 0
     if mirrored > agree:
         raise HandbenchError(
             f"target: {mirrored} of {len(pairs)} pairs of centres fit a mirror image of the "
@@ -266,14 +253,14 @@ def majority(pairs: Pairs, with_scale: bool = False) -> tuple[np.ndarray, RigidF
             f"{MAJORITY:.0%} to agree; check the matching and that the target stood still, or "
             "record it again"
         )
-    require_condition(pairs[kept], with_scale)
+    require_condition(pairs[kept])
     return kept, found
 
 
-def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
+def require_condition(pairs: Pairs) -> None:
     """Raise HandbenchError, with the condition number, if the pairs do not determine the rotation
     because they are almost on a line."""
-    condition = pairs.condition(with_scale)
+    condition = pairs.condition
     if condition > CONDITION:
         raise HandbenchError(
             f"target: its {len(pairs)} common elements are on a line (condition number "
@@ -282,19 +269,19 @@ def require_condition(pairs: Pairs, with_scale: bool = False) -> None:
         )
 
 
-def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, RigidFit]:
-    """Find the pairs that agree on one similarity: (boolean mask [n], fit to these pairs). If there
-    is no majority, the mask is False everywhere and the fit is that to the best attempt."""
-    if pairs.condition(with_scale) <= CONDITION:
-        matrix = umeyama(pairs.source_m, pairs.target_m, with_scale, pairs.weights(with_scale))
+def _largest_agreement(pairs: Pairs) -> tuple[np.ndarray, RigidFit]:
+    """Find the pairs that agree on one rigid motion: (boolean mask [n], fit to these pairs). If
+    there is no majority, the mask is False everywhere and the fit is that to the best attempt."""
+    if pairs.condition <= CONDITION:
+        matrix = umeyama(pairs.source_m, pairs.target_m, weights=pairs.weights)
         if pairs.distances(matrix).max() <= GROSS:
-            found = fit(pairs, with_scale)
+            found = fit(pairs)
             if found.distances @ found.distances <= chdtri(found.freedom, 0.01):
                 return np.ones(
                     len(pairs), dtype=bool
                 ), found  # a pair far off would have raised χ² by its distance²
-    kept = _nearest_majority(pairs, with_scale)
-    found = fit(pairs[kept], with_scale)
+    kept = _nearest_majority(pairs)
+    found = fit(pairs[kept])
     if found.distances.max() > GROSS:
         return np.zeros(len(pairs), dtype=bool), found
     while not kept.all():
@@ -303,11 +290,11 @@ def _largest_agreement(pairs: Pairs, with_scale: bool) -> tuple[np.ndarray, Rigi
         if distances.min() > GROSS:
             break
         kept[outside[distances.argmin()]] = True
-        found = fit(pairs[kept], with_scale)
+        found = fit(pairs[kept])
     return kept, found
 
 
-def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
+def _nearest_majority(pairs: Pairs) -> np.ndarray:
     """Choose the 60 % of the pairs (four or more) that agree best: a boolean mask [n].
 
     Every triple of pairs gives a transform; chosen are the pairs with the smallest residuals under
@@ -317,11 +304,11 @@ def _nearest_majority(pairs: Pairs, with_scale: bool) -> np.ndarray:
     best, least = np.arange(needed), np.inf
     for triple in triples(len(pairs)):
         three = pairs[triple]
-        if three.condition(with_scale) <= DEGENERATE:
-            distances = pairs.distances(umeyama(three.source_m, three.target_m, with_scale))
+        if three.condition <= DEGENERATE:
+            distances = pairs.distances(umeyama(three.source_m, three.target_m))
             nearest = np.argsort(distances, kind="stable")[:needed]
             if (distances[nearest] ** 2).sum() < least:
                 best, least = nearest, (distances[nearest] ** 2).sum()
     if least == np.inf:
-        require_condition(pairs, with_scale)
+        require_condition(pairs)
     return np.isin(np.arange(len(pairs)), best)

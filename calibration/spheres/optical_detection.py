@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from handbench.calibration.spheres.description import Candidate, Target
 from handbench.support.errors import HandbenchError
+from handbench.support.voxels import mean_by, voxels
 
 VOXELS_PER_RADIUS = 15  # of the smallest sphere
 NEIGHBOURS = 16  # of the local plane that gives a normal
@@ -102,9 +103,8 @@ def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float)
     """Replace all points in a voxel of side voxel_m by their mean, with the mean of their normals,
     so that all parts of a surface have the same weight. Voxels whose normals cancel are dropped. If
     normals is None, they are estimated from local planes, with an arbitrary sign."""
-    owner = _cells(points_m, voxel_m)
-    count = np.bincount(owner)
-    mean = _mean_by(owner, count, points_m)
+    voxel = voxels(points_m, voxel_m)
+    mean = mean_by(voxel, points_m)
     if normals is None:
         # a range, since k = 1 would drop an axis
         nearest = range(1, min(NEIGHBOURS, len(mean)) + 1)
@@ -115,7 +115,7 @@ def thin_cloud(points_m: np.ndarray, normals: np.ndarray | None, voxel_m: float)
             np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))[1][:, :, 0],
             oriented=False,
         )
-    normal = _mean_by(owner, count, normals)
+    normal = mean_by(voxel, normals)
     length = np.linalg.norm(normal, axis=1)
     flat = length > 0.5  # normals that cancel belong to no surface
     return OrientedPoints(mean[flat], normal[flat] / length[flat, None], oriented=True)
@@ -216,7 +216,7 @@ def _shared(points_m: np.ndarray, score: np.ndarray, patch_m: float) -> float:
     if not score.any():
         return 1.0
     for shift in product((0.0, 0.5), repeat=3):
-        patch = _cells(points_m, patch_m, np.array(shift))
+        patch = voxels(points_m, patch_m, np.array(shift))
         # that count, for they are not equally full
         patches = len(patch) ** 2 / (np.bincount(patch) ** 2).sum()
         ratios.append(
@@ -271,23 +271,6 @@ def _coverage(outward: np.ndarray) -> float:
         [np.sqrt(1 - z**2) * np.cos(azimuth), np.sqrt(1 - z**2) * np.sin(azimuth), z], axis=1
     )
     return len(np.unique(cKDTree(lattice).query(outward)[1])) / n
-
-
-def _cells(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:
-    """Number the occupied cubic voxels of side size_m, from 0: the number of each point's voxel
-    [n]. shift: shift of the voxels' lattice, as a share of their side."""
-    index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
-    key = (index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]) * (index[:, 2].max() + 1) + index[
-        :, 2
-    ]
-    return np.unique(key, return_inverse=True)[1]
-
-
-def _mean_by(owner: np.ndarray, count: np.ndarray, values: np.ndarray) -> np.ndarray:
-    return (
-        np.stack([np.bincount(owner, values[:, axis]) for axis in range(3)], axis=1)
-        / count[:, None]
-    )
 
 
 def _check(points_m: np.ndarray, normals: np.ndarray | None) -> None:

@@ -77,7 +77,7 @@ def refine(
     show background, which matches at no allowed disparity.
     """
     cost = np.full(stereo.reference.shape, WORST, dtype=np.float32)
-    sides = (RADIUS, RADIUS + 1, RADIUS, RADIUS + 1)
+    sides = (RADIUS, RADIUS, RADIUS, RADIUS)
     stereo = stereo._replace(
         reference=cv2.copyMakeBorder(stereo.reference, *sides, cv2.BORDER_REPLICATE)
     )

@@ -14,6 +14,7 @@ from handbench.groundtruth.mesh.mesh_files import point_cloud, repair
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh, load_open3d
+from handbench.support.voxels import mean_by, voxels
 
 VOXEL_PX = 1.0
 NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0
@@ -51,24 +52,14 @@ def clean(cloud: Cloud) -> Cloud:
 def _one_per_voxel(cloud: Cloud) -> Cloud:
     """Replace the points in each voxel, which is as large as a depth map's pixel, by their mean.
     The mean point counts as confirmed by every view that confirmed one of these points."""
-    voxel = np.floor(
-        (cloud.points_m - cloud.points_m.min(axis=0)) / (VOXEL_PX * cloud.pixel_m)
-    ).astype(np.int64)
-    size = voxel.max(axis=0) + 1
-    _, place, count = np.unique(
-        np.ravel_multi_index(voxel.T, size), return_inverse=True, return_counts=True
+    voxel = voxels(cloud.points_m, VOXEL_PX * cloud.pixel_m)
+    points_m, normals, views, squares_m2 = (
+        mean_by(voxel, values)
+        for values in (cloud.points_m, cloud.normals, cloud.views, cloud.spread_m**2)
     )
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        columns = [
-            np.bincount(place, weights=column) / count
-            for column in values.reshape(len(place), -1).T
-        ]
-        return np.stack(columns, axis=1).reshape(-1, *values.shape[1:])
-
-    points_m, normals, views = mean(cloud.points_m), mean(cloud.normals), mean(cloud.views) > 0
-    spread_m = np.sqrt(mean(cloud.spread_m**2))
-    return replace(cloud, points_m=points_m, normals=normals, views=views, spread_m=spread_m)
+    return replace(
+        cloud, points_m=points_m, normals=normals, views=views > 0, spread_m=np.sqrt(squares_m2)
+    )
 
 
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:

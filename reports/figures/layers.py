@@ -28,6 +28,7 @@ SKIN, INVENTED = (0.93, 0.77, 0.67), (0.72, 0.72, 0.76)
 # of the eye's axes: from the upper left, a little before the surface
 LIGHT = np.array([-0.45, 0.55, 0.70])
 HIGH_IN, LEFT_IN, RIGHT_IN = 2.6, 0.7, 0.8  # of a panel, and next to it: names, and a colour bar
+MARGIN_MM = 8  # of a picture around its surfaces
 DECIBELS: dict[str, Any] = {
     "colours": "magma",
     "norm": Normalize(-40, 0),
@@ -154,19 +155,19 @@ def edges(centres: np.ndarray) -> tuple[float, float]:
     return centres[0] - half, centres[-1] + half
 
 
-def box_of(surfaces: Sequence[SurfaceMap], margin_mm: float = 8) -> Box:
+def box_of(surfaces: Sequence[SurfaceMap]) -> Box:
     """Return the box around all pixels in which any of the surfaces has a depth, widened by
-    `margin_mm`: left, right, bottom, top in mm. If none has a depth, the box is around all
+    8 mm (MARGIN_MM): left, right, bottom, top in mm. If none has a depth, the box is around all
     pixels."""
     x_mm = 1e3 * np.concatenate([s.x_m[np.isfinite(s.z_m).any(axis=0)] for s in surfaces])
     y_mm = 1e3 * np.concatenate([s.y_m[np.isfinite(s.z_m).any(axis=1)] for s in surfaces])
     if not len(x_mm):
         x_mm, y_mm = 1e3 * surfaces[0].x_m, 1e3 * surfaces[0].y_m
     return (
-        x_mm.max() + margin_mm,
-        x_mm.min() - margin_mm,
-        y_mm.min() - margin_mm,
-        y_mm.max() + margin_mm,
+        x_mm.max() + MARGIN_MM,
+        x_mm.min() - MARGIN_MM,
+        y_mm.min() - MARGIN_MM,
+        y_mm.max() + MARGIN_MM,
     )
 
 

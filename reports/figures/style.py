@@ -146,7 +146,7 @@ def drawn_methods(titles: Mapping[str, str]) -> dict[str, DrawnMethod]:
 def methods(result: Result) -> list[DrawnMethod]:
     """Return the methods of a result in the order in which pictures show them: first the known ones
     in a fixed order (ORDER), then the others."""
-    drawn = drawn_methods({method.name: method.title for method in result.about.methods})
+    drawn = drawn_methods(result.about.method_titles)
     known = [drawn[name] for name in ORDER if name in drawn]
     return [*known, *(method for name, method in drawn.items() if name not in ORDER)]
 

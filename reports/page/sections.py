@@ -54,7 +54,7 @@ def verdicts(result: Result) -> tuple[Grid, list[Grid]]:
     pairs of methods.
     (Treatment: depth maps with each method's own settings, or compared on common pixels, either all
     without smoothing or all with the same smoothing.)"""
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     found, pairs = [], []
     for _, lines in result.comparisons.groupby(["metric", "reference", "treatment"], sort=False):
         first = next(each(lines))
@@ -86,7 +86,7 @@ def findings(result: Result) -> Grid:
 def stage_times(result: Result) -> Grid:
     """Return a table of the cost of each processing stage of each method: number of tasks, how many
     were reused from an earlier run, and medians of seconds, CPU seconds and peak memory."""
-    titles = {method.name: method.title for method in result.about.methods} | {"": "every method"}
+    titles = result.about.method_titles | {"": "every method"}
     groups = result.tasks.groupby(["method", "stage"], sort=False)
     medians = groups[["seconds", "cpu_seconds", "peak_memory_mb"]].median().map(rounded)
     lines = groups.cached.agg(["size", "sum"]).join(medians).reset_index()
@@ -299,7 +299,7 @@ def reliability(result: Result) -> list[Grid]:
     right.
     It has for each method the observed coverage in % for each nominal coverage, the mean negative
     log-likelihood, and the number of pixels."""
-    grids, titles = [], {m.name: m.title for m in result.about.methods}
+    grids, titles = [], result.about.method_titles
     for reference, lines in result.reliability.groupby("reference", sort=False):
         nominal = sorted(set(lines.nominal_percent))
         rows = []

@@ -173,7 +173,7 @@ def leads(result: Result) -> list[tuple[str, str]]:
 def _best(result: Result) -> str:
     """Say which method has the best figure of each column of the main table, and whether a test
     shows it."""
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     reference, texts = main_reference(result), []
     for (metric, treatment), lines in columns(result).items():
         higher = result.about.metrics[metric].better == "higher"
@@ -235,7 +235,7 @@ def _order_of_paper(result: Result) -> str:
     known = found[found.paper.notna()].sort_values("value")
     if len(known) < 2:
         return ""
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     reversed_ = [
         f"{titles[a.method]} before {titles[b.method]} (here {a.value:.2f} and {b.value:.2f} mm, "
         f"in the paper {paper(a.paper, 'mm')} and {paper(b.paper, 'mm')} mm)"
@@ -253,7 +253,7 @@ def front(result: Result) -> list[str]:
     found = columns(result)
     if not {(HEADLINE, ""), ("seconds", "")} <= set(found):
         return []
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     both = pd.DataFrame(
         {"mm": found[HEADLINE, ""].value, "seconds": found["seconds", ""].value}
     ).dropna()

@@ -213,7 +213,7 @@ def comparisons(result: Result) -> str:
     reference surface.
     A row has the better and the worse method, the difference with its interval, p-value and effect
     size. The text is empty if nothing was compared."""
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     texts = []
     defined = result.comparisons[result.comparisons.metric.isin(result.about.metrics)]
     for (reference, metric), group in defined.groupby(["reference", "metric"], sort=False):

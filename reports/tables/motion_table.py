@@ -17,7 +17,7 @@ CAPTION = (
 def motion_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the headings and the formatted lines of the table of error over speed; no lines if
     nothing moves."""
-    found, titles = result.motion, {m.name: m.title for m in result.about.methods}
+    found, titles = result.motion, result.about.method_titles
     kinds = [(HEADLINE, "mm"), (VELOCITY_MAE, "mm/s")]
     columns = [
         (metric, unit, str(method))

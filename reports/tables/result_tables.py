@@ -63,7 +63,7 @@ def _claim(result: Result, first: str, second: str) -> tuple[str, str, str, str]
     ]
     if lines.empty:
         return None
-    titles = {method.name: method.title for method in result.about.methods}
+    titles = result.about.method_titles
     amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
     common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
     over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]

@@ -55,20 +55,17 @@ def cap(rng: np.random.Generator, radius_m: float, part: float, density_m2: floa
     )
 
 
-def align(
-    source: Sequence[Candidate], target: Sequence[Candidate], with_scale: bool = False
-) -> Transform:
-    """The similarity that carries source centres to target centres, pair by pair; see `solve`."""
-    return solve(Pairs.of(source, target), with_scale)
+def align(source: Sequence[Candidate], target: Sequence[Candidate]) -> Transform:
+    """The motion that carries source centres to target centres, pair by pair; see `solve`."""
+    return solve(Pairs.of(source, target))
 
 
 def register(
     optical: Sequence[Candidate],
     radar: Sequence[Candidate],
     target: Target,
-    with_scale: bool = False,
     common_m2: np.ndarray | None = None,
 ) -> Transform:
     """`radar_from_photo` from both sensors' candidates, as `measure` and `solve` find it."""
     photo, echo = match(optical, target, "photographs"), match(radar, target, "echoes")
-    return solve(common_pairs(photo, echo, target), with_scale, common_m2)
+    return solve(common_pairs(photo, echo, target), common_m2)

@@ -112,7 +112,7 @@ class Inputs:
         )
 
 
-def white_noise(shape: tuple[int, ...], seed: int = 0) -> np.ndarray:
+def white_noise(shape: tuple[int, ...]) -> np.ndarray:
     """Return circular Gaussian noise of unit power, complex64 of this shape."""
-    parts = np.random.default_rng(seed).standard_normal((*shape, 2), dtype=np.float32)
+    parts = np.random.default_rng(0).standard_normal((*shape, 2), dtype=np.float32)
     return (parts * np.float32(np.sqrt(0.5))).view(np.complex64)[..., 0]

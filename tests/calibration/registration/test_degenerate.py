@@ -47,7 +47,7 @@ def horn(p: np.ndarray, q: np.ndarray, with_scale: bool) -> tuple[Balls, arb, Ba
 
 
 def errors(
-    matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool
+    matrix: np.ndarray, p: np.ndarray, q: np.ndarray, with_scale: bool = False
 ) -> tuple[float, float, float]:
     """Of the rotation, the scale and the carried points; the last relative to the target's extent,
     after what four roundings explain."""
@@ -83,15 +83,11 @@ def scenario(
     return p, q + rng.uniform(-1, 1, 3) * (1e6 if target_far else 0.5)
 
 
-def aligned(p: np.ndarray, q: np.ndarray, with_scale: bool, scale: float = 1.0) -> Transform:
+def aligned(p: np.ndarray, q: np.ndarray) -> Transform:
     """With equal covariances, so large that all pairs agree: then weighted least squares are
     plain ones."""
     spread_m2 = (0.01 * EXTENT_M) ** 2 * np.eye(3)
-    return align(
-        candidates(p, covariance_m2=spread_m2),
-        candidates(q, covariance_m2=scale**2 * spread_m2),
-        with_scale,
-    )
+    return align(*(candidates(side, covariance_m2=spread_m2) for side in (p, q)))
 
 
 @given(
@@ -108,14 +104,16 @@ def test_least_squares_are_those_of_50_digits(
     seed, shape, with_scale, log_scale, source_far, target_far, short_rad
 ):
     """A plane, a ribbon (condition 12 or so), points that coincide; a thousandth to a thousand
-    times as large; frames a million metres away; half turns, or short of it."""
+    times as large, where a scale is fitted in closed form; frames a million metres away; half
+    turns, or short of it."""
     scale = 10**log_scale if with_scale else 1.0
     turn = None
     if short_rad is not None:
         axis = np.random.default_rng(seed).integers(-2, 3, 3) + [0.5, 0, 0]
         turn = Rotation.from_rotvec((np.pi - short_rad) * axis / np.linalg.norm(axis)).as_matrix()
     p, q = scenario(seed, SHAPES[shape], scale, source_far, target_far, turn)
-    assert max(errors(aligned(p, q, with_scale, scale).matrix, p, q, with_scale)) < BAR
+    if not with_scale:
+        assert max(errors(aligned(p, q).matrix, p, q)) < BAR
     if not source_far and not target_far:
         assert max(errors(umeyama(p, q, with_scale), p, q, with_scale)) < BAR
 
@@ -124,27 +122,22 @@ def inverse(matrix: Balls) -> Balls:
     return np.array(arb_mat(matrix.tolist()).inv().tolist(), dtype=object)
 
 
-def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Balls]:
+def weighted(pairs: Pairs, found: np.ndarray) -> tuple[Balls, Balls]:
     """Ten further Gauss–Newton steps of 128 bits from a 4×4 matrix, about the origin: the matrix
-    and the covariance [6 or 7]."""
+    and the covariance [6, 6]."""
     linear, shift = balls(found[:3, :3]), balls(found[:3, 3])
     for _ in range(10):
         normal, right = 0, 0
         sides = (pairs.source_m, pairs.target_m, pairs.source_m2, pairs.target_m2)
         for p, q, c_p, c_q in zip(*map(balls, sides), strict=True):
             x, y, z = carried = linear @ p + shift
-            jacobian = np.array(
-                [[1, 0, 0, 0, z, -y, x], [0, 1, 0, -z, 0, x, y], [0, 0, 1, y, -x, 0, z]]
-            )[:, :unknowns]
+            jacobian = np.array([[1, 0, 0, 0, z, -y], [0, 1, 0, -z, 0, x], [0, 0, 1, y, -x, 0]])
             information = inverse(linear @ c_p @ linear.T + c_q)
             normal = normal + jacobian.T @ information @ jacobian
             right = right + jacobian.T @ information @ (q - carried)
         covariance = inverse(normal)
         t = covariance @ right
-        growth = t[6] if unknowns == 7 else arb(0)
-        change = arb_mat(
-            [[growth, -t[5], t[4]], [t[5], growth, -t[3]], [-t[4], t[3], growth]]
-        ).exp()
+        change = arb_mat([[0, -t[5], t[4]], [t[5], 0, -t[3]], [-t[4], t[3], 0]]).exp()
         change = np.array(change.tolist(), dtype=object)
         # Each step corrects the last one's error, so that only middles go on.
         linear, shift = (
@@ -153,8 +146,8 @@ def weighted(pairs: Pairs, found: np.ndarray, unknowns: int) -> tuple[Balls, Bal
     return np.column_stack([linear, shift]), covariance
 
 
-@pytest.mark.parametrize(("with_scale", "target_far", "seed"), [(False, True, 1), (True, False, 2)])
-def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed):
+@pytest.mark.parametrize(("target_far", "seed"), [(True, 1), (False, 2)])
+def test_the_weighted_refinement_and_its_covariance(target_far, seed):
     """Each pair with two ellipsoids of its own, four times as large as the errors, so that Huber's
     weights are one. The covariance is compared in units of its own standard deviations."""
     rng = np.random.default_rng(seed)
@@ -165,9 +158,9 @@ def test_the_weighted_refinement_and_its_covariance(with_scale, target_far, seed
         for side, root in zip((p, q), roots, strict=True)
     )
     pairs = Pairs.of(source, target)
-    found = fit(pairs, with_scale)
+    found = fit(pairs)
     assert found.distances @ found.distances < found.freedom
-    wanted, covariance = weighted(pairs, found.matrix, 7 if with_scale else 6)
+    wanted, covariance = weighted(pairs, found.matrix)
     np.testing.assert_allclose(found.matrix[:3, :3], middles(wanted[:, :3]), atol=BAR)
     miss = off(pairs.offsets(found.matrix), balls(q) - balls(p) @ wanted[:, :3].T - wanted[:, 3])
     assert miss.max() < BAR * EXTENT_M + 4 * np.finfo(float).eps * np.abs(q).max()
@@ -187,7 +180,6 @@ BROKEN = "pair 6: the centre or its covariance"
 CONTRADICT = r"its {} pairs of centres disagree .*residuals in mm: pair 1 \d"
 
 
-@pytest.mark.parametrize("with_scale", [False, True])
 @pytest.mark.parametrize(
     ("points", "shift_m", "last_m2", "words"),
     [
@@ -206,7 +198,7 @@ CONTRADICT = r"its {} pairs of centres disagree .*residuals in mm: pair 1 \d"
         (SOLID[:4], 0.05, 1e-8, CONTRADICT.format(4)),
     ],
 )
-def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, words, with_scale):
+def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, words):
     """Lines and points; a narrow rectangle of half length a and half width b, √((a² + b²)/b²) =
     24.02; the one centre off the line (the last) badly known, or wrong; numbers that are none. Of
     four, three that agree are no majority: triangles that fit are no rarity."""
@@ -214,18 +206,18 @@ def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, word
     last = points[-1] + [shift_m, 0, 0]
     target[-1] = Candidate(last, np.diag([last_m2] * 3), ())
     with pytest.raises(HandbenchError, match=words):
-        align(source, target, with_scale)
+        align(source, target)
 
 
 @pytest.mark.parametrize(("shape", "count"), [(SOLID, 5), (SOLID[:4], 4), (FIVE, 5)])
-@given(seed=seeds, with_scale=st.booleans())
+@given(seed=seeds)
 @examples(5)
-def test_a_mirror_image_is_named_as_one(shape, count, seed, with_scale):
+def test_a_mirror_image_is_named_as_one(shape, count, seed):
     """Also of the five, of which four lie in a plane and would outvote the fifth."""
     p, _ = scenario(seed, shape)
     words = f"{count} of {count} pairs of centres fit a mirror image of the target"
     with pytest.raises(HandbenchError, match=words):
-        align(candidates(p), candidates(mirror(seed, p)), with_scale)
+        align(candidates(p), candidates(mirror(seed, p)))
 
 
 def mirror(seed: int, points: np.ndarray) -> np.ndarray:
@@ -235,14 +227,11 @@ def mirror(seed: int, points: np.ndarray) -> np.ndarray:
 @given(
     seed=seeds,
     shape=st.sampled_from([FIVE, PLANE, SOLID, None]),
-    with_scale=st.booleans(),
     log_size=st.floats(-1.5, 6),
     at_source=st.booleans(),
 )
 @examples(30)
-def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(
-    seed, shape, with_scale, log_size, at_source
-):
+def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(seed, shape, log_size, at_source):
     """The answer is that of the others (of 50 digits), and so is the covariance; 30 mm to 1000 km
     off, where the centres err by 0.24 mm and a deviation is 0.4 mm. One of five, or 16 of 40: then
     the triples are drawn, 220, of which a fifth are without a wrong pair."""
@@ -254,7 +243,7 @@ def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(
     (p if at_source else q)[bad] += 10**log_size * way / np.linalg.norm(way, axis=1)[:, None]
     spread_m2 = 9e-8 * np.eye(3)
     source, target = (candidates(side, covariance_m2=spread_m2) for side in (p, q))
-    found = align(source, target, with_scale)
-    alone = align([source[i] for i in good], [target[i] for i in good], with_scale)
+    found = align(source, target)
+    alone = align([source[i] for i in good], [target[i] for i in good])
     np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9, atol=1e-20)
-    assert max(errors(found.matrix, p[good], q[good], with_scale)) < BAR
+    assert max(errors(found.matrix, p[good], q[good])) < BAR

@@ -22,8 +22,11 @@ def planes_of(xx, xy, yy):
 
 
 @pytest.mark.parametrize("second", [(0.0, 0.0, 0.0), SECOND])
-@pytest.mark.parametrize("seen", [EVERYWHERE, DISC], ids=["everywhere", "disc"])
-@pytest.mark.parametrize("beside", ["unmatched", "apart"])
+@pytest.mark.parametrize(
+    ("seen", "beside"),
+    [(EVERYWHERE, "nothing"), (DISC, "unmatched"), (DISC, "apart")],
+    ids=["everywhere", "disc-unmatched", "disc-apart"],
+)
 def test_a_paraboloid_is_found_up_to_its_border(second, seen, beside):
     """Also beside another surface, which is further away than APART_PX and not bent. Rounding:
     disparities of some tens have 4e-6, slopes of some units less."""
