@@ -11,7 +11,7 @@ from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense import completion, cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
-from handbench.groundtruth.dense.kernels import compile_kernels
+from handbench.groundtruth.dense.kernels import announce
 from handbench.groundtruth.dense.volume import board_plane, narrow_volume, volume, warn_of_cuts
 from handbench.groundtruth.mesh.poisson import clean
 from handbench.groundtruth.options import DenseOptions, Effort
@@ -74,7 +74,7 @@ def _fused(
         {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
     )
     views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
-    compile_kernels()
+    announce()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
     maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)

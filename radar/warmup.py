@@ -8,22 +8,18 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.adjoint import scatter
 from handbench.radar.imaging.cpu.forward import gather
-from handbench.support.compiled import compile_once
+from handbench.support.compiled import announce_compilation
 
 
-def compile_kernels(load: bool = True) -> None:
-    """Compile all kernels that numba has not cached yet, so that later measured times contain no
-    compilation.
-
-    load: also run each kernel on a tiny input, so that measured times do not contain its loading
-    from the cache either.
-    """
-    compile_once("handbench.radar.warmup", gather, scatter)
-    if load:
-        _run_every_kernel()
+def announce() -> None:
+    """Say that the kernels of imaging are compiled now, if numba has not cached them."""
+    announce_compilation(gather, scatter)
 
 
-def _run_every_kernel() -> None:
+def compile_kernels() -> None:
+    """Run each kernel on a tiny input, so that later measured times contain neither its compilation
+    nor its loading from the cache."""
+    announce()
     from handbench.radar.data.arrays import AntennaArray, PlanarScan
     from handbench.radar.data.grid import VoxelGrid
     from handbench.radar.imaging.api import image_points, image_volume, project_volume
@@ -51,4 +47,4 @@ def _run_every_kernel() -> None:
 
 
 if __name__ == "__main__":
-    _run_every_kernel()
+    compile_kernels()

@@ -29,7 +29,7 @@ from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.effects.dielectric import unsimulated_echo
 from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.warmup import compile_kernels
+from handbench.radar.warmup import announce
 from handbench.support.files import atomic_folder, atomic_path, write_text
 from handbench.support.parallel import for_each
 from handbench.support.progress import say
@@ -52,7 +52,7 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     them, photographs, true surface (of a moving target: that of each frame's start, with
     velocities) and description. Returns one row for each effect: whether it was simulated, and why.
     """
-    compile_kernels(load=False)
+    announce()
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)

@@ -27,7 +27,7 @@ from handbench.bench.tradeoff.settings import (
 )
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.cameras.cameras import load_cameras, save_cameras
-from handbench.groundtruth.dense.kernels import compile_kernels, run_every_kernel
+from handbench.groundtruth.dense.kernels import compile_kernels
 from handbench.groundtruth.mesh.depth import depth_on_grid, reference_on_grid
 from handbench.groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
 from handbench.groundtruth.mesh.surface import Surface
@@ -80,8 +80,7 @@ def measure_groundtruth(inputs: TradeoffInputs) -> MeasuredSection:
         dict(zip(VARIED, values, strict=True)) for values in product(views, sizes_px, knobs.quality)
     )
     choices = {NAME.format(**choice): choice for choice in every}
-    compile_kernels()
-    run_every_kernel()  # not counted: loads what was compiled
+    compile_kernels()  # not counted
     with tempfile.TemporaryDirectory(dir=inputs.work, prefix=".groundtruth-") as scratch:
 
         def reconstructed(choice: dict[str, Any]) -> Iterator[dict[str, Any]]:

@@ -184,7 +184,7 @@ def _agree(
     return point, normal, agreeing, offset
 
 
-@njit(cache=True)
+@njit(forceinline=True)
 def _world(
     x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray
 ) -> None:
@@ -197,7 +197,7 @@ def _world(
         point[axis] = R[0, axis] * a + R[1, axis] * b + R[2, axis] * c
 
 
-@njit(cache=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
+@njit(forceinline=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
 def _project(
     point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
 ) -> None:

@@ -94,7 +94,7 @@ def refine(
     return cost, support
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _clipped(bend: float) -> float:
     return min(max(bend, -MOST_BENT), MOST_BENT)
 
@@ -157,7 +157,7 @@ def smoothed(planes: np.ndarray, matched: np.ndarray) -> tuple[np.ndarray, np.nd
     return smooth, bends, support
 
 
-@njit(cache=True)
+@njit(forceinline=True)
 def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     """Return a pseudo-random number, uniform in −1 … 1, as a hash of the four arguments alone (the
     finaliser of MurmurHash3)."""
@@ -173,12 +173,7 @@ def _random(pixel: int, step: int, draw: int, seed: int) -> float:
     return np.float64(k >> np.uint64(11)) / 2.0**52 - 1.0
 
 
-@njit(
-    cache=True,
-    forceinline=True,
-    error_model="numpy",
-    fastmath={"contract", "reassoc", "nsz", "arcp"},
-)
+@njit(forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _window(
     reference: np.ndarray, y: int, x: int, values: np.ndarray, weights: np.ndarray
 ) -> Window:
@@ -211,12 +206,7 @@ def _window(
     return x, y, values, weights, variance
 
 
-@njit(
-    cache=True,
-    forceinline=True,
-    error_model="numpy",
-    fastmath={"contract", "reassoc", "nsz", "arcp"},
-)
+@njit(forceinline=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Triple | None) -> float:
     """Compute 1 − NCC between a window of the reference and source view number s, if the surface is
     the given plane; 2 (WORST) if the source view does not show the whole window.
@@ -290,7 +280,7 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
     return 1.0 - product / np.sqrt(power)
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _cost(
     window: Window,
     stereo: Stereo,
@@ -329,7 +319,7 @@ def _cost(
     return total / used
 
 
-@njit(cache=True, forceinline=True)
+@njit(forceinline=True)
 def _best_neighbour(cost: np.ndarray, y: int, x: int, direction: int) -> tuple[int, int]:
     """Find the pixel (row, column) with the lowest cost among the neighbours of (y, x) at distances
     1, 3 and 5 in one of four directions. Returns (-1, -1) if none of them has been matched."""

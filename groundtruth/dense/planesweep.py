@@ -91,7 +91,7 @@ def _starts(h: int, w: int, step_y: int, step_x: int) -> np.ndarray:
     return np.ascontiguousarray(np.argwhere(enters))
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
+@njit(forceinline=True, error_model="numpy", fastmath={"contract", "arcp"})
 def _warp(
     stereo: Stereo, s: int, disparity: float, y: int, places: np.ndarray, warped: np.ndarray
 ) -> None:
@@ -125,7 +125,7 @@ def _warp(
         warped[x] = top + dv * (bottom - top)
 
 
-@njit(cache=True)
+@njit(forceinline=True)
 def _across(columns: np.ndarray, sums: np.ndarray) -> None:
     """Sum over the square windows along a row: add the column sums under the window around each
     pixel, and write the totals into `sums` [w].
@@ -140,7 +140,7 @@ def _across(columns: np.ndarray, sums: np.ndarray) -> None:
         sums[x] = total
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "arcp"})
+@njit(forceinline=True, error_model="numpy", fastmath={"contract", "arcp"})
 def _mismatch(
     first: np.ndarray, moments: np.ndarray, second: np.ndarray, mismatch: np.ndarray
 ) -> None:
@@ -175,7 +175,7 @@ def _mismatch(
             mismatch[y, x] = np.float32(WORST) if second[y, x] == np.float32(OUTSIDE) else value
 
 
-@njit(cache=True)
+@njit(forceinline=True)
 def _add_row(first: np.ndarray, second: np.ndarray, sums: np.ndarray, sign: np.float32) -> None:
     """Add one row of two pictures a and b to running column sums [3, w] of b, b² and a b, in place.
     sign: 1 adds the row, −1 subtracts it."""
@@ -216,7 +216,7 @@ def _correlate(stereo: Stereo, moments: np.ndarray, disparity: float, cost: np.n
             cost[y, x] = np.uint8(min(total * scale, np.float32(LARGEST_COST)))
 
 
-@njit(cache=True)
+@njit(forceinline=True)
 def _keep_less(least: np.ndarray, other: np.ndarray) -> None:
     """Sort two pictures [h, w] pixel by pixel, in place: `least` gets the smaller value and `other`
     the larger one."""

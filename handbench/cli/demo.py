@@ -2,7 +2,6 @@
 and one picture; or image the measured captures in a folder by the methods that they set up."""
 
 import argparse
-from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from statistics import median
@@ -132,17 +131,11 @@ def _claim(folder: Path, scene: str) -> None:
 
 
 def _simulate(scene: Path, capture: Path) -> None:
-    """Simulate the scene and write its capture, unless the capture exists. The numba kernels that
-    imaging needs are compiled at the same time."""
+    """Simulate the scene and write its capture, unless the capture exists."""
     from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.scenes.build import load_scene
-    from handbench.radar.warmup import compile_kernels
 
     if capture.exists():  # which appears whole or not at all
         say(f"{capture}: exists already and is used again")
         return
-    with ThreadPoolExecutor() as pool:
-        compiled = pool.submit(compile_kernels, load=False)
-        built = load_scene(scene)
-        compiled.result()
-    simulate_capture(built, capture)
+    simulate_capture(load_scene(scene), capture)

@@ -52,9 +52,9 @@ def run(options: argparse.Namespace) -> None:
         )
     from handbench.bench.validation.capture_warnings import warnings_of_image
     from handbench.radar.imaging.device import describe
-    from handbench.radar.warmup import compile_kernels
+    from handbench.radar.warmup import announce
 
-    compile_kernels(load=False)
+    announce()
     asked = getattr(settings, "tolerance", None)
     result, task, certificate = _imaged(task, options)
     depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings

@@ -6,11 +6,7 @@ processors slowed down at full width. handbench's loops are 1.05 to 1.4 times as
 (measured). The environment variable NUMBA_CPU_FEATURES, if set, overrides this.
 """
 
-import fcntl
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -22,7 +18,15 @@ from numba.core.registry import cpu_target
 
 from handbench.support.progress import say
 
-__all__ = ["FAST", "compile_once", "get_num_threads", "njit", "prange", "set_num_threads"]
+__all__ = [
+    "FAST",
+    "INNER",
+    "announce_compilation",
+    "get_num_threads",
+    "njit",
+    "prange",
+    "set_num_threads",
+]
 
 # numba.njit without the wrapper for C callers, which takes a fifth of the compile time.
 njit: Callable[..., Any] = partial(numba.njit, no_cfunc_wrapper=True)
@@ -35,6 +39,10 @@ FAST: dict[str, Any] = {
     "error_model": "numpy",
 }
 
+# Of kernels that only other kernels call. They are compiled anew as a part of each of these: linked
+# from the cache they would be optimised again, and sums would differ in their last bits (3e-7).
+INNER: dict[str, Any] = {**FAST, "cache": False, "forceinline": True}
+
 _settings: Any = config  # made as numba is imported
 _host: Any = get_host_cpu_features
 if _settings.CPU_FEATURES is None and "+avx512f" in (features := _host()):
@@ -42,32 +50,10 @@ if _settings.CPU_FEATURES is None and "+avx512f" in (features := _host()):
 cpu_target.target_context  # noqa: B018  # which keeps the features that it meets first
 
 
-def compile_once(module: str, *kernels: Any) -> None:
-    """Compile kernels (loops compiled by numba) and store them in numba's cache before their first
-    use, by running `python -m module`, which calls them. If several processes need this, one
-    compiles and the others wait.
-
-    A separate process is needed for reproducible results. A kernel that calls another one is linked
-    to that kernel's code if both were just compiled. If it is loaded from the cache, it is linked
-    to a copy that is optimised again, and sums differ in their last bits (3e-7).
-    """
-    if _cached(kernels):
-        return
-    with open(__file__) as lock:
-        # of a file system without locks, or NFS, which locks no file that is only read
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if not _cached(kernels):
-            say("compiling the kernels (once on this machine, then cached) ...")
-            # which holds the lock, too, should this process be killed
-            child = [sys.executable, "-m", module]
-            if subprocess.run(
-                child, check=False, stderr=subprocess.DEVNULL, pass_fds=[lock.fileno()]
-            ).returncode:
-                say(
-                    "the kernels could not be compiled in advance, so they are compiled now; "
-                    "results may differ in the last bits from those of a later run"
-                )
+def announce_compilation(*kernels: Any) -> None:
+    """Say that kernels (loops compiled by numba) are compiled now, if numba's cache lacks them."""
+    if not _cached(kernels):
+        say("compiling the kernels (once on this machine, then cached) ...")
 
 
 def _cached(kernels: Iterable[Any]) -> bool:

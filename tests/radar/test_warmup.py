@@ -1,67 +1,42 @@
-"""Kernels are compiled by a process of their own, so that all that image or simulate load the same
-code."""
+"""A kernel computes the same bits in the process that compiles it as in those that load it."""
 
+import subprocess
 import sys
-import time
-from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
 
 import pytest
 
-from handbench.groundtruth.dense import kernels
 from handbench.radar import warmup
 from handbench.support import compiled
 
-BOTH = [
-    (warmup.compile_kernels, "handbench.radar.warmup"),
-    (kernels.compile_kernels, "handbench.groundtruth.dense.kernels"),
-]
+SIMULATE = """
+import hashlib
+from handbench.bench.scenes.build import load_scene
+from handbench.bench.scenes.echoes import echoes
+print(hashlib.sha256(echoes(load_scene("scene.toml")).capture.samples.tobytes()).hexdigest())
+"""
+SCENE = """
+version = 1
+name = "two"
+[target]
+kind = "dihedral"
+side_m = 0.03
+edge_m = 3e-3
+[sensor]
+tones_hz = [82e9, 79.5e9]
+sweep = []
+"""
 
 
-@pytest.mark.parametrize(("compile_kernels", "module"), BOTH)
-def test_kernels_without_a_cache_are_compiled_elsewhere_before_any_runs_here(
-    compile_kernels, module, monkeypatch
-):
-    done = []
-    ended = SimpleNamespace(returncode=0)
-    monkeypatch.setattr(
-        compiled.subprocess, "run", lambda command, **_: done.append(command) or ended
+@pytest.mark.slow
+def test_echoes_are_the_same_bits_with_and_without_kernels_in_the_cache(tmp_path, monkeypatch):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    first, second = (
+        subprocess.run([sys.executable, "-c", SIMULATE], cwd=tmp_path, stdout=-1, check=True).stdout
+        for _ in range(2)
     )
-    monkeypatch.setattr(warmup, "_run_every_kernel", lambda: done.append("here"))
-    monkeypatch.setattr(compiled, "_cached", lambda _: False)
-    compile_kernels()
-    here = ["here"] * (module == "handbench.radar.warmup")
-    assert done == [[sys.executable, "-m", module], *here]
-    monkeypatch.setattr(compiled, "_cached", lambda _: True)
-    compile_kernels()
-    assert done[1 + len(here) :] == here
-
-
-def test_kernels_are_compiled_without_being_loaded(monkeypatch):
-    monkeypatch.setattr(compiled, "_cached", lambda _: True)
-    monkeypatch.setattr(warmup, "_run_every_kernel", lambda: pytest.fail("they were loaded"))
-    warmup.compile_kernels(load=False)
-
-
-def test_of_two_that_ask_at_once_one_compiles(monkeypatch):
-    compiled_by, asked = [], []
-
-    def cached(_):
-        asked.append(1)
-        while len(asked) < 2:  # both have found nothing before either compiles
-            pass
-        return bool(compiled_by)
-
-    def child(command, **_):
-        time.sleep(0.2)  # the other would find nothing, and compile, if it did not wait
-        compiled_by.append(command)
-        return SimpleNamespace(returncode=0)
-
-    monkeypatch.setattr(compiled, "_cached", cached)
-    monkeypatch.setattr(compiled.subprocess, "run", child)
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda _: kernels.compile_kernels(), range(2)))
-    assert len(compiled_by) == 1
+    assert any((tmp_path / "cache").rglob("*.nbc"))
+    assert first == second
 
 
 def test_kernels_that_ran_are_cached_for_this_processor_alone(monkeypatch):

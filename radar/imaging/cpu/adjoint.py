@@ -19,7 +19,7 @@ from handbench.radar.imaging.cpu.forward import (
     turn,
 )
 from handbench.radar.imaging.cpu.steering import cis_turns
-from handbench.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, INNER, njit
 
 
 class Sight(NamedTuple):
@@ -140,7 +140,7 @@ def to_parent(  # type: ignore[no-untyped-def]
     return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
 
 
-@njit(**FAST)
+@njit(**INNER)
 def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
     """Compute the echo samples of a leaf (a smallest box) from the scatterers in it: float32 [k, 2,
     a, b], 2 for real and imaginary part. It is the adjoint of `forward.evaluate`.
@@ -206,7 +206,7 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
     return samples
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untyped-def]
     """Compute the gain between each antenna and each of p points_m [3, p], which are the source's
     from index `start` on: float32 [a, p].
@@ -240,7 +240,7 @@ def _gains(source, start, points_m, position_m, seen):  # type: ignore[no-untype
     return gain
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-untyped-def]
     """Interpolate the tabulated factors of partly blocked waves (see `Sight`) to n points, from
     index `start` on, and to all transmitters or all receivers, a in number: float32 [3, 2a, n].
@@ -266,7 +266,7 @@ def _leg_factors(corner, share, start, n, table, spread):  # type: ignore[no-unt
     return factors.reshape(3, 2 * n_a, n)
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
     """Multiply the waves `steered` [2a, n] (real parts above imaginary parts), in place, by the
     factors of partly blocked waves: polynomials in the scaled frequency u with coefficients factors
@@ -280,7 +280,7 @@ def _weigh(steered, factors, u):  # type: ignore[no-untyped-def]
             steered[i, p], steered[n_a + i, p] = re * x - im * y, re * y + im * x
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _part(source, start, stop):  # type: ignore[no-untyped-def]
     """Return the packed scatterers start:stop; optional arrays that are empty stay empty."""
     here = slice(start, stop)

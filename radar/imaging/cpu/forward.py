@@ -15,7 +15,7 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node
-from handbench.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, INNER, njit
 
 # points per matrix product; fewer where the factors would exceed the second-level cache
 BLOCK = 320
@@ -116,7 +116,7 @@ def to_child(  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**FAST)
+@njit(**FAST, forceinline=True)
 def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
     """Multiply samples [k, 2, a, b] (2: real and imaginary part) by the phase factors
     exp(±j2πf(shift_a + shift_b)/c). shift_a [a], shift_b [b]: path lengths in metres; turns_per_m
@@ -136,7 +136,7 @@ def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyp
     return out
 
 
-@njit(**FAST)
+@njit(**INNER)
 def mix(weights, samples):  # type: ignore[no-untyped-def]
     if weights.size == 0:
         return samples
@@ -144,7 +144,7 @@ def mix(weights, samples):  # type: ignore[no-untyped-def]
     return np.dot(weights, samples.reshape(tones, 2 * n_a * n_b)).reshape(len(weights), 2, n_a, n_b)
 
 
-@njit(**FAST)
+@njit(**INNER)
 def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
     """Combine the antennas of samples [k, 2, a, b] with real weights [n, a] of transmitters and [m,
     b] of receivers: [k, 2, n, m]. Empty weights leave their axis unchanged."""
@@ -162,7 +162,7 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(**FAST)
+@njit(**INNER)
 def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
     """Unpack leaf i of a cell from the packed `Leaves`. shape: shape [k, 2, a, b] of the cell's
     samples.
@@ -194,7 +194,7 @@ def _antennas(double, start, n):  # type: ignore[no-untyped-def]
     return double[start : start + n], position_m, double[start + 4 * n : start + 5 * n]
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-def]
     if given == 0:
         return single[:0].reshape(0, 0), start
@@ -202,7 +202,7 @@ def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-de
     return single[start:stop].reshape(rows, columns), stop
 
 
-@njit(**FAST)
+@njit(**INNER)
 def evaluate(  # type: ignore[no-untyped-def]
     samples, points_m, turns_per_m, place, passes, reference_m, images
 ):
@@ -250,7 +250,7 @@ def evaluate(  # type: ignore[no-untyped-def]
                 images[0, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
 
 
-@njit(**FAST)
+@njit(**INNER)
 def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
     """Compute the double sum Σ_i Σ_j a_i S_ij b_j over transmitters and receivers at every point:
     float32 [2, p], real and imaginary part.
@@ -272,7 +272,7 @@ def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(**FAST)
+@njit(**INNER)
 def differences(  # type: ignore[no-untyped-def]
     points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m
 ):
@@ -305,7 +305,7 @@ def differences(  # type: ignore[no-untyped-def]
             out[a, p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]
 
 
-@njit(**FAST)
+@njit(**INNER)
 def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
     """Write exp(j2πfΔ/c) of path differences Δ [a, p], metres, to out [2a, p]: real parts above
     imaginary parts. turns_per_m: f/c; negative for the conjugate."""

@@ -33,7 +33,7 @@ from handbench.radar.simulation.physics.vectors import (
     norm,
     vec,
 )
-from handbench.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, INNER, njit
 
 LEAST, MOST = float(RADII[0]), float(RADII[-1])  # m of the edges around which waves creep
 # largest footprint relative to its patch: wider tubes leave a caustic or graze, and D suppresses
@@ -185,7 +185,7 @@ def land(tubes, patches, tx_m, surface, wavenumber, lit):  # type: ignore[no-unt
         tubes.caustics[n] = crossed
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _bend_per_m(patches, patch, incoming):  # type: ignore[no-untyped-def]
     """Return the curvature of the smooth surface in a patch along an incoming ray, in 1/m, positive
     if convex."""
@@ -202,7 +202,7 @@ def _bend_per_m(patches, patch, incoming):  # type: ignore[no-untyped-def]
     return dot(minus(there, normal), along) / step_m
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _mirrored_share(bend_per_m, sine, wavenumber, lit):  # type: ignore[no-untyped-def]
     """Return the share, 0 to 1, of the incident field that a surface reflects as a ray. On a convex
     one near grazing incidence it is less than 1, since creeping waves carry the rest. sine: that of
@@ -214,7 +214,7 @@ def _mirrored_share(bend_per_m, sine, wavenumber, lit):  # type: ignore[no-untyp
     return ahead_of * ahead_of * (3 - 2 * ahead_of)
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _turn(corners, rays, surface, face):  # type: ignore[no-untyped-def]
     """Reflect the rays through the corners of a footprint at the normals of the smooth surface
     there, extrapolated beyond the face. The reflected directions are written to `rays`. Returns
@@ -238,7 +238,7 @@ def _twice_m2(edges, normal):  # type: ignore[no-untyped-def]
     return dot(cross(minus(vec(edges[1]), origin), minus(vec(edges[2]), origin)), normal)
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _interpolated(point, corners, normals, flat, least):  # type: ignore[no-untyped-def]
     """Return the unit normal [3] at a point in the plane of a triangle, interpolated between the
     normals at its corners (both [3, 3]). Outside the triangle it is extrapolated, with barycentric
@@ -339,7 +339,7 @@ def radiate(  # type: ignore[no-untyped-def]
     return samples
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _arrive(  # type: ignore[no-untyped-def]
     level, base, place, normal, edges, longer, receivers, sight, eighth, gain, path
 ):
@@ -381,7 +381,7 @@ def _arrive(  # type: ignore[no-untyped-def]
     return count > zero
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _add(re, im, gain, path, weight, turns):  # type: ignore[no-untyped-def]
     """Add the wave of a tube at one tone to the samples of all receivers, with real part `re` and
     imaginary part `im` [r]. weight: complex amplitude of the wave; turns: −f/c."""

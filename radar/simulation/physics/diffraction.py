@@ -26,7 +26,7 @@ from handbench.radar.imaging.cpu.steering import cis_small
 from handbench.radar.simulation.physics.creeping import DEEP, LIT, SHARP, TERMS, Roundness
 from handbench.radar.simulation.physics.facets import face_vectors, unit
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, INNER, njit
 from handbench.support.rays import Rays
 
 FARTHEST = 20.0  # kδ beyond which an edge is left out
@@ -242,7 +242,7 @@ def _waves(  # type: ignore[no-untyped-def]
     return waves
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no-untyped-def]
     """Set `near` [e] to True for the edges that matter for some point of a cube (centre, radius_m):
     those that bend the ray to it by a tangent of at most `widest` and lengthen it by at most
@@ -271,7 +271,7 @@ def _near(near, middles, centre, radius_m, widest, latest_m):  # type: ignore[no
         )
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _angles(  # type: ignore[no-untyped-def]
     scratch, x, y, z, centre, edge, widest, wavenumber, farthest
 ):
@@ -341,7 +341,7 @@ def _angles(  # type: ignore[no-untyped-def]
         scratch[4, p] = spread
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _creep(  # type: ignore[no-untyped-def]
     scratch, x, y, z, middle, creeping, wavenumber, least, most
 ):
@@ -386,7 +386,7 @@ def _creep(  # type: ignore[no-untyped-def]
         scratch[2, p] += lit * arc * xi * xi * xi
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _add(re, im, scratch, turns_per_m):  # type: ignore[no-untyped-def]
     """Add the wave of one edge at one tone to the fields at the points, with real part `re` and
     imaginary part `im` [n]. turns_per_m: k/2π."""

@@ -19,7 +19,7 @@ import numpy as np
 from handbench.radar.simulation.physics.bounces import Tubes
 from handbench.radar.simulation.physics.creeping import ROUNDEST
 from handbench.radar.simulation.physics.vectors import ahead, cross, direction, dot, minus, vec
-from handbench.support.compiled import FAST, njit
+from handbench.support.compiled import FAST, INNER, njit
 
 LEAST_SINE = 1e-6  # of the angle of incidence, below which every plane is one of incidence
 
@@ -77,7 +77,7 @@ def _across(dipole, ray):  # type: ignore[no-untyped-def]
     return direction(ahead(whole, -dot(whole, ray), ray))[0]
 
 
-@njit(**FAST)
+@njit(**INNER)
 def _reflected(field, before, after, bend, ratio):  # type: ignore[no-untyped-def]
     """Return the field [3] of a ray after a mirror that turns it from the direction `before` to
     `after`. bend: 1/m = (2/ka)^{1/3} of the mirror, 0 if it is not convex; ratio [2, bends,
