@@ -19,7 +19,6 @@ def announce() -> None:
 def compile_kernels() -> None:
     """Run each kernel on a tiny input, so that later measured times contain neither its compilation
     nor its loading from the cache."""
-    announce()
     from handbench.radar.data.arrays import AntennaArray, PlanarScan
     from handbench.radar.data.grid import VoxelGrid
     from handbench.radar.imaging.api import image_points, image_volume, project_volume
@@ -27,6 +26,7 @@ def compile_kernels() -> None:
     from handbench.radar.imaging.cpu.steering import mean_rise
     from handbench.radar.simulation.forward import Scatterers, simulate
 
+    announce()
     three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
     array, scan, tones_hz = (
         AntennaArray(three, three),
