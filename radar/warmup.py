@@ -1,7 +1,6 @@
-"""Compilation of all numba kernels before anything is timed.
+"""Compilation of the kernels of imaging and of simple echoes before anything is timed.
 
-It takes about twenty seconds, once per machine; later runs load the compiled code from numba's
-cache.
+It takes up to a minute, once per machine; later runs load the compiled code from numba's cache.
 """
 
 import numpy as np
@@ -17,8 +16,8 @@ def announce() -> None:
 
 
 def compile_kernels() -> None:
-    """Run each kernel on a tiny input, so that later measured times contain neither its compilation
-    nor its loading from the cache."""
+    """Run these kernels on tiny inputs, so that later measured times contain neither their
+    compilation nor their loading from the cache."""
     from handbench.radar.data.arrays import AntennaArray, PlanarScan
     from handbench.radar.data.grid import VoxelGrid
     from handbench.radar.imaging.api import image_points, image_volume, project_volume

@@ -308,9 +308,8 @@ class SceneFile(Config):
 
     effects: names of the effects to simulate, or "auto" for every effect that the scene has a cause
     for. tolerance_mm: has no effect. depth_step_hz: frequency step between the two tones from which
-    `--explain` determines depth. noise, sensor and
-    target also contain the causes of effects. photos: None for no photographs. mount: pose of the
-    stand's board.
+    `--explain` determines depth. noise, sensor and target also contain the causes of effects.
+    photos: None for no photographs. mount: pose of the stand's board.
     """
 
     version: Literal[1]

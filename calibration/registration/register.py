@@ -189,7 +189,7 @@ def motion(
         sizes = [0 if covariance is None else len(covariance) for covariance in (one, other)]
         raise HandbenchError(
             f"{names[0]}, {names[1]}: their covariances have the sizes {sizes[0]} and {sizes[1]}; "
-            "expected 6 and 6, or 7 and 7 with a scale; calibrate both with the same options"
+            "expected 6 and 6, or 7 and 7 with a scale; calibrate both again"
         )
     carry = adjoint(HAND_M, len(one))
     covariance = carry @ (one + other) @ carry.T

@@ -36,7 +36,7 @@ MAD = 1.4826  # of a normal distribution: standard deviation over median absolut
 # and p.
 CENTRE, SQUARE, RADIAL, TANGENTIAL = 0.01, 1e-3, 0.2, 1e-3
 LEAST_SHARE = 0.05  # least redundancy, relative to the number of residuals, in the noise estimate
-FEWEST_SIGHTINGS = 3  # of a feature beside a board; 2 without one or with three photographs only
+FEWEST_SIGHTINGS = 3  # of a feature beside a board; 2 without one, or of three photographs
 GAUGE = 1e-12  # eigenvalues of an information matrix below this share are a freedom of the frame
 
 

@@ -24,6 +24,7 @@ __all__ = [
     "announce_compilation",
     "get_num_threads",
     "njit",
+    "outer",
     "prange",
     "set_num_threads",
 ]
@@ -48,6 +49,11 @@ _host: Any = get_host_cpu_features
 if _settings.CPU_FEATURES is None and "+avx512f" in (features := _host()):
     _settings.CPU_FEATURES = f"{features},-prefer-256-bit"
 cpu_target.target_context  # noqa: B018  # which keeps the features that it meets first
+
+
+def outer(kernel: Any) -> Any:
+    """Return a kernel of the kind INNER as one that Python code calls, and that numba caches."""
+    return njit(**FAST)(kernel.py_func)
 
 
 def announce_compilation(*kernels: Any) -> None:

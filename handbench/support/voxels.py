@@ -7,9 +7,8 @@ def voxels(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0)
     """Number the occupied cubic voxels of side size_m, from 0: the number of each point's voxel
     [n], for points [n, 3]. shift: shift of the voxels' lattice, as a share of their side."""
     index = np.floor((points_m - points_m.min(axis=0)) / size_m + shift).astype(np.int64)
-    _, columns, layers = index.max(axis=0) + 1
-    key = (index[:, 0] * columns + index[:, 1]) * layers + index[:, 2]
-    return np.unique(key, return_inverse=True)[1]
+    flat = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
+    return np.unique(flat, return_inverse=True)[1]
 
 
 def mean_by(voxel: np.ndarray, values: np.ndarray) -> np.ndarray:

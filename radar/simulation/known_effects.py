@@ -19,10 +19,12 @@ IDS = tuple(DECLARED)  # in the order in which they are applied
 class Choice(Config):
     """The row of one effect in a capture's table: whether it is on, and why.
 
-    Sizes, None if they were not asked for or the scene has no cause: depth_mm: estimated change of
-    the depths by 3-FSK; worst_mm: change of the depths by the method that it changes most;
+    Sizes in coarse simulations (`--explain`), None if they were not asked for or there is no cause:
+    depth_mm: change of the depths by 3-FSK; worst_mm: of those by the method that it changes most;
     pixels_percent: lost and gained pixels; level_db: power of its change to the echoes, relative to
-    the echoes. seconds: measured time (None: the effect is off, or nothing was simulated). cost_s:
+    the echoes.
+
+    seconds: measured time (None: the effect is off, or nothing was simulated). cost_s:
     in files of earlier versions only.
     """
 

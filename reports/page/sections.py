@@ -107,8 +107,8 @@ def stage_times(result: Result) -> Grid:
 
 def effects(result: Result) -> tuple[Grid | None, str]:
     """Return a table of the simulated physical effects that were on in a capture, and a sentence
-    that names the others. The table has the largest values over the captures of an effect's size
-    and its computing time; it is None if no effect was on."""
+    that names the others. The table has the largest computing time of an effect over the
+    captures; it is None if no effect was on."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     for row in (row for capture in result.about.captures for row in capture.effects):
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
@@ -119,12 +119,9 @@ def effects(result: Result) -> tuple[Grid | None, str]:
             off.append(name)
             continue
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
-        sizes = (_largest(found, key) for key in ("depth_mm", "level_db", "seconds"))
-        rows.append((name, why, f"{on} of {len(found)}", *sizes))
-    caption = (
-        "Effects of simulated echoes and photographs: largest size and seconds over the captures"
-    )
-    headings = ("effect", "why", "on in", "changes depths by (mm)", "level (dB)", "took (s)")
+        rows.append((name, why, f"{on} of {len(found)}", _largest(found, "seconds")))
+    caption = "Effects of simulated echoes and photographs: most seconds over the captures"
+    headings = ("effect", "why", "on in", "took (s)")
     grid = Grid(caption, headings, tuple(rows), texts=2) if rows else None
     return grid, f"Off: {', '.join(off)}." if off else ""
 

@@ -13,13 +13,13 @@ from handbench.radar.imaging.cpu.forward import (
     SECOND_LEVEL,
     apply,
     differences,
+    inner_turn,
     leaf_of,
     mix,
     steer,
-    turn,
 )
 from handbench.radar.imaging.cpu.steering import cis_turns
-from handbench.support.compiled import FAST, INNER, njit
+from handbench.support.compiled import FAST, INNER, njit, outer
 
 
 class Sight(NamedTuple):
@@ -126,18 +126,23 @@ def scatter(  # type: ignore[no-untyped-def]
             leaf = radiate(
                 _part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m
             )
-            samples += to_parent(leaf, turns_per_m, *shifts, *weights)
+            samples += inner_to_parent(leaf, turns_per_m, *shifts, *weights)
     return samples
 
 
-@njit(**FAST)
-def to_parent(  # type: ignore[no-untyped-def]
+@njit(**INNER)
+def inner_to_parent(  # type: ignore[no-untyped-def]
     samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
 ):
     """Compute what the samples [k', 2, a', b'] of a box contribute to the samples [k, 2, a, b] of
     its parent box: the adjoint of `forward.to_child`, with the same arguments."""
     spread = apply(weights_a.T.copy(), weights_b.T.copy(), samples)
-    return turn(mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0))
+    return inner_turn(
+        mix(tone_weights.T.copy(), spread), turns_per_m, shift_a, shift_b, np.float32(-1.0)
+    )
+
+
+to_parent = outer(inner_to_parent)
 
 
 @njit(**INNER)

@@ -18,7 +18,13 @@ from handbench.radar.data.arrays import (
     tones,
 )
 from handbench.radar.data.capture import largest_part
-from handbench.radar.imaging.cpu.steering import cis_turns, distances_m, phasor, steering
+from handbench.radar.imaging.cpu.steering import (
+    cis_turns,
+    distances_m,
+    inner_distances_m,
+    phasor,
+    steering,
+)
 from handbench.support.compiled import FAST, njit
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
@@ -171,8 +177,8 @@ def _scan_image(  # type: ignore[no-untyped-def]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)
     for a in range(len(tx_m)):
         s_re, s_im = samples[a].real, samples[a].imag
-        path_m = distances_m(tx_m[a : a + 1], points_m)[0]
-        path_m += path_m if there_and_back else distances_m(rx_m[a : a + 1], points_m)[0]
+        path_m = inner_distances_m(tx_m[a : a + 1], points_m)[0]
+        path_m += path_m if there_and_back else inner_distances_m(rx_m[a : a + 1], points_m)[0]
         for p in range(n):
             cosine, sine = cis_turns(turns_per_m * path_m[p])
             re[p] += s_re * cosine - s_im * sine

@@ -15,7 +15,7 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node
-from handbench.support.compiled import FAST, INNER, njit
+from handbench.support.compiled import FAST, INNER, njit, outer
 
 # points per matrix product; fewer where the factors would exceed the second-level cache
 BLOCK = 320
@@ -85,7 +85,7 @@ def gather(  # type: ignore[no-untyped-def]
     for i in range(len(starts) - 1):
         if starts[i + 1] > starts[i]:
             weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            below = to_child(samples, turns_per_m, *shifts, *weights)
+            below = inner_to_child(samples, turns_per_m, *shifts, *weights)
             here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
             evaluate(
                 below,
@@ -99,8 +99,8 @@ def gather(  # type: ignore[no-untyped-def]
     return images
 
 
-@njit(**FAST)
-def to_child(  # type: ignore[no-untyped-def]
+@njit(**INNER)
+def inner_to_child(  # type: ignore[no-untyped-def]
     samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
 ):
     """Compute the samples of a box from the samples [k, 2, a, b] of its parent box, for k tones,
@@ -112,12 +112,15 @@ def to_child(  # type: ignore[no-untyped-def]
     return apply(
         weights_a,
         weights_b,
-        mix(tone_weights, turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))),
+        mix(tone_weights, inner_turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))),
     )
 
 
-@njit(**FAST, forceinline=True)
-def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
+to_child = outer(inner_to_child)
+
+
+@njit(**INNER)
+def inner_turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
     """Multiply samples [k, 2, a, b] (2: real and imaginary part) by the phase factors
     exp(±j2πf(shift_a + shift_b)/c). shift_a [a], shift_b [b]: path lengths in metres; turns_per_m
     [k]: f/c; sign: 1 or −1."""
@@ -134,6 +137,9 @@ def turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyp
                 out[m, 0, a, b] = samples[m, 0, a, b] * re - samples[m, 1, a, b] * im
                 out[m, 1, a, b] = samples[m, 0, a, b] * im + samples[m, 1, a, b] * re
     return out
+
+
+turn = outer(inner_turn)
 
 
 @njit(**INNER)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.support.compiled import FAST, INNER, njit
+from handbench.support.compiled import FAST, INNER, njit, outer
 
 # Gains are not smooth enough across the array for skeletons, if
 GRAZING = 0.05  # a facet's cosine n·û falls below this,
@@ -67,8 +67,8 @@ def _half_turn(t, sign):  # type: ignore[no-untyped-def]
     return sign * cosine, sign * sine
 
 
-@njit(**FAST, forceinline=True)
-def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
+@njit(**INNER)
+def inner_distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     """Compute the distances [a, p] (float64) of antennas [a, 3] to points [3, p], metres."""
     out = np.empty((len(antennas_m), points_m.shape[1]))
     for a in range(len(antennas_m)):
@@ -79,7 +79,10 @@ def distances_m(antennas_m, points_m):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(**FAST, forceinline=True)
+distances_m = outer(inner_distances_m)
+
+
+@njit(**FAST)
 def steering(distance_m, turns_per_m, out):  # type: ignore[no-untyped-def]
     """Write exp(j2πfR/c) of distances R [a, p], metres, to out [2a, p], float32: real parts above
     imaginary parts. turns_per_m: f/c."""
@@ -108,7 +111,7 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
-@njit(**FAST, forceinline=True)
+@njit(**FAST)
 def steered_differences(  # type: ignore[no-untyped-def]
     antennas_m, turns_per_m, points_m, centre_m
 ):

@@ -13,8 +13,8 @@ from handbench.radar.simulation.scene import Body
 from handbench.support.errors import HandbenchError
 
 MOST_FACETS = 4_000_000
-SIDES = 12  # of a block, at most; a body with more may be round
-FLAT = 1e-5  # difference of the planes of faces of one side: of unit normals, and in metres
+SIDES = 6  # of a plate or box, at most
+ALIKE, FLAT_M = 1e-3, 1e-5  # of the faces of one side: difference of unit normals, and of planes
 
 
 @dataclass(frozen=True)
@@ -83,18 +83,19 @@ def volume_m3(body: Body) -> float:
 
 
 def convex_block(body: Body) -> bool:
-    """Return True for a convex body with few flat sides, such as a plate or a box: all its vertices
+    """Return True for a plate or a box, a convex body of at most six flat sides: all its vertices
     are behind the plane of each side."""
     normals = unit(face_vectors(body.vertices_m, body.faces))
-    offsets_m = (normals * body.vertices_m[body.faces[:, 0]]).sum(axis=1)
+    vertices_m = body.vertices_m - body.vertices_m.mean(axis=0)
+    offsets_m = (normals * vertices_m[body.faces[:, 0]]).sum(axis=1)
     planes = np.column_stack([normals, offsets_m])
     for _ in range(SIDES):
         if len(planes) == 0:
             break
         side = planes[0]
-        if (body.vertices_m @ side[:3] > side[3] + FLAT).any():
+        if (vertices_m @ side[:3] > side[3] + FLAT_M).any():
             return False
-        planes = planes[np.abs(planes - side).max(axis=1) > FLAT]
+        planes = planes[(np.abs(planes - side) > (ALIKE, ALIKE, ALIKE, FLAT_M)).any(axis=1)]
     return len(planes) == 0
 
 

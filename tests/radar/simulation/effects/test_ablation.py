@@ -47,7 +47,7 @@ def foam_body():
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_an_estimate_is_what_leaving_the_effect_out_changes(scene, without, others, rel, within_db):
+def test_a_size_is_what_leaving_the_effect_out_changes(scene, without, others, rel, within_db):
     names = [without] if others is None else {"obliquity": 0, **dict.fromkeys(others), without: 0}
     changes, level_db = estimated(scene, *names, without=without)
     change, expected_db = simulated_change(scene, *names, without=without)
