@@ -37,7 +37,7 @@ def choose(scene: EchoScene, wanted: Wanted, explain: bool = False) -> tuple[Cho
         _check(wanted, missing)
         off |= {effect.id: "not listed" for effect in there if effect.id not in wanted}
     sizes = _sizes(scene, there) if explain else {}
-    reason, rows = "its cause is in the scene" if wanted == "auto" else "listed", []
+    reason, rows = "has a cause" if wanted == "auto" else "listed", []
     for effect in EFFECTS:
         why = off.get(effect.id) or "; ".join(filter(None, (reason, effect.way(scene))))
         known = sizes.get(effect.id, {})
