@@ -107,11 +107,15 @@ def stage_times(result: Result) -> Grid:
 
 def effects(result: Result) -> tuple[Grid | None, str]:
     """Return a table of the simulated physical effects that were on in a capture, and a sentence
-    that names the others. The table has the largest computing time of an effect over the
-    captures; it is None if no effect was on."""
+    that names the others. The table has the largest values over the captures of an effect's size,
+    which only files of earlier versions have, and its computing time; it is None if no effect was
+    on."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
-    for row in (row for capture in result.about.captures for row in capture.effects):
+    every = [row for capture in result.about.captures for row in capture.effects]
+    for row in every:
         by_effect.setdefault(str(row.get("effect", "")), []).append(row)
+    sizes = {"depth_mm": "changes depths by (mm)", "level_db": "level (dB)", "seconds": "took (s)"}
+    shown = [key for key in sizes if any(row.get(key) is not None for row in every)]
     rows, off = [], []
     for name, found in by_effect.items():
         on = sum(bool(row.get("on")) for row in found)
@@ -119,9 +123,12 @@ def effects(result: Result) -> tuple[Grid | None, str]:
             off.append(name)
             continue
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
-        rows.append((name, why, f"{on} of {len(found)}", _largest(found, "seconds")))
-    caption = "Effects of simulated echoes and photographs: most seconds over the captures"
-    headings = ("effect", "why", "on in", "took (s)")
+        largest = (_largest(found, key) for key in shown)
+        rows.append((name, why, f"{on} of {len(found)}", *largest))
+    caption = (
+        "Effects of simulated echoes and photographs: largest size and seconds over the captures"
+    )
+    headings = ("effect", "why", "on in", *(sizes[key] for key in shown))
     grid = Grid(caption, headings, tuple(rows), texts=2) if rows else None
     return grid, f"Off: {', '.join(off)}." if off else ""
 

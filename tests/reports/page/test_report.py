@@ -200,15 +200,15 @@ def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
     changed = tmp_path / "changed"
     shutil.copytree(folder, changed)
     about = read_json(changed / "result.json", "")
-    noise = {"effect": "noise", "on": True, "why": "<b>", "seconds": 1.5}
-    about["captures"][0]["effects"] = [noise]
+    noise = {"effect": "noise", "on": True, "why": "<b>", "depth_mm": 0.25, "seconds": 1.5}
+    about["captures"][0]["effects"] = [noise | {"level_db": None}]
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
     write_json(changed / "result.json", about)
     figures = {"2fsk": np.array([6.0, 5.0, 7.0]), "3fsk": np.array([1.0, 1.1, 0.9])}
     results.write_tables(changed, comparisons=compare(figures, "truth"))
     text = html.build(changed, tmp_path / "out").read_text(encoding="utf-8")
     assert "<b>no" not in text and "X: score failed: &lt;b&gt;no" in text
-    assert "1 of 1" in text and "&lt;b&gt;" in text
+    assert "1 of 1" in text and "0.250" in text
     # nothing is tested, so no method has the best figure
     assert "Too few captures for a test" in text
     assert "3fsk is ahead of 2fsk by 5.0 mm" in text and "Best methods" not in text
