@@ -1,5 +1,4 @@
-"""The simulation against closed forms: each function returns both, for the tests and for
-docs/validation.py."""
+"""The simulation against closed forms: each function returns both."""
 
 import numpy as np
 

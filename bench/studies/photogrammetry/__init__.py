@@ -1,1 +1,0 @@
-"""Study of photogrammetry on rendered photographs of hands."""

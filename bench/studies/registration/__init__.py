@@ -1,2 +1,0 @@
-"""Study of the registration of photographs and radar, on simulated captures with known
-transforms."""
