@@ -32,7 +32,7 @@ def fine() -> o3d.geometry.TriangleMesh:
 def test_mesh_is_sound(fine: o3d.geometry.TriangleMesh) -> None:
     """Closed, of one piece that does not cross itself, outward-oriented, on the true surface, of a
     hand's volume with its 38 mm of forearm; half of its edges are below 2° and nine tenths below
-    5°, as docs/measurements/hand.md says."""
+    5°."""
     vertices_m, faces = np.asarray(fine.vertices), np.asarray(fine.triangles)
     assert fine.is_edge_manifold(allow_boundary_edges=False) and fine.is_vertex_manifold()
     assert len(fine.cluster_connected_triangles()[1]) == 1

@@ -1,4 +1,4 @@
-"""Physical optics against closed forms (docs/measurements/validation.md shows the same figures)."""
+"""Physical optics against closed forms."""
 
 import numpy as np
 import pytest
