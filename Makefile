@@ -66,12 +66,15 @@ test-random: setup
 hard-cases: setup
 	$(BIN)/python -m tests.hard_cases $(GROUPS)
 
-# Tests, times and errors of imaging on a CUDA device, by the packages of PYTHON, CuPy among them,
-# without .venv: runs/gpu/gpu.json and gpu.md. DEVICE=numpy or cpu does the same on the processor.
+# Tests of imaging on a CUDA device, and time and error of a volume there, by the packages of PYTHON,
+# CuPy among them, without .venv: runs/gpu/gpu.json and gpu.md. DEVICE=numpy or cpu does the same on
+# the processor.
 gpu: export PYTHONSAFEPATH := 1
 gpu: export PYTHONPATH := $(CURDIR)/.types:$(CURDIR):$(PYTHONPATH)
 gpu: $(LINKS)
 	$(PYTHON) -c 'import setuptools; setuptools.setup()' --quiet egg_info --egg-base .types
+	HANDBENCH_DEVICE=$(or $(DEVICE),cuda) PYTEST_DISABLE_PLUGIN_AUTOLOAD=1 $(PYTHON) -m pytest \
+	  -W default tests/radar/imaging tests/radar/methods
 	$(PYTHON) -m tests.radar.imaging.measure_gpu --device $(or $(DEVICE),cuda) -o runs/gpu
 
 # Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes
@@ -80,7 +83,7 @@ fuzz: setup
 	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),20000) --seed $(or $(SEED),0) -o runs/fuzz
 
 bench: setup
-	$(BIN)/python -m handbench.bench.studies.engine.measure_engine -o runs/bench.json
+	$(BIN)/python -m handbench.bench.studies.measure_engine -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

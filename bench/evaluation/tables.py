@@ -1,7 +1,7 @@
 """Tables as pandas DataFrames, with declared columns, and their reading and writing as CSV.
 
-The columns are declared in TOML files; tables.toml declares those of result folders. An unknown
-figure is NaN in a DataFrame and an empty cell in a file. Text is never missing, but may be empty.
+The columns are declared in tables.toml. An unknown figure is NaN in a DataFrame and an empty cell
+in a file. Text is never missing, but may be empty.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import io
 import math
 import sys
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,22 +26,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.95  # of every confidence interval
-KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool, "list": tuple}
+KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool}
 ByMethod = dict[str, "pd.DataFrame"]
 DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
 OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks is filled with
-
-
-FORMS: dict[str, Callable[[Any], str]] = {  # ways to write a value that are no format
-    "seconds": lambda value: f"{value:,.0f}" if value >= 100 else f"{value:.3g}",
-    "list": lambda values: ", ".join(
-        f"{v:.3g}" if isinstance(v, float) else f"{v:,}" for v in values
-    ),
-    "rounded list": lambda values: ", ".join(f"{v:.0f}" for v in values),
-    "band": lambda ends: f"{ends[0]:.2f}–{ends[1]:.2f}",
-    "yes or no": lambda value: "yes" if value else "**no**",
-}
 
 
 @dataclass(frozen=True)
@@ -49,9 +38,6 @@ class Column:
     """One column of a table: its name, type of values (kind) and meaning.
     unit: that of its numbers, if the same in every line. optional: older files may lack the column.
     counts: numbers are written as whole ones in lines whose column `unit` has this value.
-
-    For the tables of reports: heading: with the unit (empty: the column is only in files); scale:
-    factor by which a value is multiplied; form: format string, or a name in FORMS.
     """
 
     name: str
@@ -60,17 +46,6 @@ class Column:
     unit: str = ""
     optional: bool = False
     counts: str = ""
-    heading: str = ""
-    form: str = "{:.3g}"
-    scale: float = 1
-
-    def cell(self, value: Any) -> str:
-        """Return a value formatted for a report; "" for None and NaN."""
-        if value is None or value != value:  # only NaN differs from itself
-            return ""
-        if self.form in FORMS:
-            return FORMS[self.form](value)
-        return value if isinstance(value, str) else self.form.format(self.scale * value)
 
 
 @dataclass(frozen=True)
@@ -85,10 +60,9 @@ class Schema:
         return [column.name for column in self.columns]
 
 
-def declared_tables(module: str) -> dict[str, Schema]:
-    """Read the columns of tables from the TOML file with the same name as a module: table → Schema.
-    module: the module's `__file__`."""
-    known = tomllib.loads(Path(module).with_suffix(".toml").read_text("utf-8"))
+def _declared() -> dict[str, Schema]:
+    """Read the columns of all tables from tables.toml: table → Schema."""
+    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
     return {
         table: Schema(tuple(_column(*entry) for entry in columns.items()))
         for table, columns in known.items()
@@ -100,7 +74,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
     return Column(name, kind, meaning, **facts)
 
 
-SCHEMAS = declared_tables(__file__)
+SCHEMAS = _declared()
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))

@@ -12,18 +12,17 @@ product; the truth is independent of everything that the methods know.
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
-from functools import partial
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import minimize
 
-from handbench.bench.evaluation.tables import declared_tables
-from handbench.bench.studies.study import Record, Study, Table, parser
-from handbench.bench.studies.study import measured as studied
 from handbench.bench.studies.trust.trust_cases import SWEPT, TrustCase, cases, known
 from handbench.radar.data.depthmap import FLAGGED, DepthMap
 from handbench.radar.methods.depth_uncertainty import (
@@ -36,10 +35,12 @@ from handbench.radar.methods.depth_uncertainty import (
     weights_of,
 )
 from handbench.radar.methods.registry import method
+from handbench.radar.warmup import compile_kernels
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_text
+from handbench.support.files import write_json, write_text
+from handbench.support.progress import track
 
-SCHEMAS = declared_tables(__file__)
+Record = dict[str, Any]
 FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
 VOLUMES = ("broadband", "broadband-aligned", "narrowband")
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
@@ -51,26 +52,6 @@ MOVED_EVERY, MOVED_M, MOVED_PX = 2, (0.01, 0.08), 3
 PENALTY = 1e-4
 BINS = np.array([0, 1e-3, 3e-3, 1e-2, 3e-2, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
 DROPPED_PERCENT = (0, 1, 2, 5, 10, 15, 20)
-
-
-def study(
-    work: Path, scenes: int, methods: str, captures: list[Path], fit: bool, seed: int
-) -> Study:
-    """Make the study of p_gross, the predicted probability that a pixel's depth is grossly wrong.
-
-    work: folder for files. scenes: number of scenes of random points. For every 10 of these a scene
-    with a hand is added, for every 30 an assorted scene, and finally the folders `captures`.
-    methods: method ids separated by commas (empty: twelve different ones). fit: True to fit the
-    weights of p_gross again. seed: of the scenes.
-    """
-    chosen = tuple(methods.split(",")) if methods else FSK + VOLUMES
-    return Study(
-        "trust",
-        cases(scenes, -(-scenes // HANDS), -(-scenes // ASSORTED), captures),
-        partial(pixels, methods=chosen, seed=seed, work=work, fit=fit),
-        partial(tables, fit=fit),
-        seed=seed,
-    )
 
 
 def pixels(
@@ -125,9 +106,9 @@ def moved(depth: DepthMap, seed: int) -> DepthMap:
     return replace(depth, z_m=depth.z_m + rng.uniform(*MOVED_M) * rng.choice([-1, 1]) * near)
 
 
-def tables(records: list[Record], fit: bool) -> list[Table]:
-    """Make two tables by group of scenes and method: how well p_gross predicts gross depth errors,
-    and its reliability (predicted probability against observed share of wrong pixels).
+def tables(records: list[Record], fit: bool) -> dict[str, list[Record]]:
+    """Make two tables by group of scenes and method: "rows", how well p_gross predicts gross depth
+    errors, and "reliability", predicted probability against the observed share of wrong pixels.
 
     records: one for each scene and method, with features and errors of its pixels. fit: True to fit
     the weights to the scenes for calibration first, and write them to trust.toml.
@@ -146,8 +127,7 @@ def tables(records: list[Record], fit: bool) -> list[Table]:
         rows.append(facts | figures(p, these))
         wrong = np.concatenate([record["wrong"] for record in these])
         bins += [facts | one for one in reliability(np.concatenate(p), wrong)]
-    shown = Table("rows", SCHEMAS["rows"].columns, rows, by="group")
-    return [shown, Table("reliability", SCHEMAS["reliability"].columns, bins, shown=False)]
+    return {"rows": rows, "reliability": bins}
 
 
 def figures(p: list[np.ndarray], records: list[Record]) -> Record:
@@ -254,20 +234,36 @@ def as_toml(weights: dict[str, np.ndarray]) -> str:
 
 def main() -> None:
     """Measure whether p_gross, the predicted probability of a gross depth error, is right on scenes
-    that it was not fitted to; write and print the tables."""
-    purpose = "whether p_gross is honest: calibrated on some random scenes, tested on others"
-    options = parser("trust.measure_trust", purpose)
+    that it was not fitted to; print the table, and write it to OUT/trust.json."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"
-    options.add_argument("--scenes", type=int, default=240, help=count)
+    parser.add_argument("--scenes", type=int, default=240, help=count)
     ids = "ids, separated by commas (default: twelve that differ)"
-    options.add_argument("--methods", default="", help=ids)
+    parser.add_argument("--methods", default=",".join(FSK + VOLUMES), help=ids)
     folders = "folders with truth.ply, imaged at the methods' defaults"
-    options.add_argument("--captures", nargs="*", type=Path, default=[], help=folders)
+    parser.add_argument("--captures", nargs="*", type=Path, default=[], help=folders)
     weights = "fit the weights anew and write them to radar/methods/trust.toml"
-    options.add_argument("--fit", action="store_true", help=weights)
+    parser.add_argument("--fit", action="store_true", help=weights)
     seed = "of the scenes (default 0); the weights stand on 0"
-    options.add_argument("--seed", type=int, default=0, help=seed)
-    studied(options, study, "trust")
+    parser.add_argument("--seed", type=int, default=0, help=seed)
+    parser.add_argument("--only", default="", help="scenes whose name has this text, as 'points'")
+    parser.add_argument("-o", "--out", type=Path, default=Path("runs/trust"))
+    given = parser.parse_args()
+    hands, assorted = -(-given.scenes // HANDS), -(-given.scenes // ASSORTED)
+    every = cases(given.scenes, hands, assorted, given.captures)
+    chosen, methods = [c for c in every if given.only in str(c)], tuple(given.methods.split(","))
+    compile_kernels()
+    try:
+        records = [
+            record
+            for case in track(chosen, "trust")
+            for record in pixels(case, methods, given.seed, given.out / "work", given.fit)
+        ]
+        found = tables(records, given.fit)
+    except HandbenchError as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
+    write_json(given.out / "trust.json", {"seed": given.seed, **found})
+    print(pd.DataFrame(found["rows"]).to_string(index=False, float_format="{:.4g}".format))
 
 
 if __name__ == "__main__":

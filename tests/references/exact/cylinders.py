@@ -12,12 +12,12 @@ Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J.
 (derivatives), 9.1.79 (Graf).
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
-from handbench.bench.scenes.finger_scenes import Cylinder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 TAPER = (
@@ -26,6 +26,15 @@ TAPER = (
 )  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
 FURTHER_ORDERS = 4.0  # times the cube root of κa, beyond κa: what is left out is below 1e-8
 ALONG, ACROSS = "along", "across"  # the dipoles to the axis
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A cylinder in the radar frame. Its axis is parallel to y and goes through (x_m, z_m)."""
+
+    x_m: float
+    z_m: float
+    radius_m: float
 
 
 def cylinder_echoes(

@@ -11,15 +11,25 @@ Absorption and Scattering of Light by Small Particles, 1983, chapters 4 and 8 (w
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.special import hankel2, jv, jve
 
-from handbench.bench.scenes.finger_scenes import CoatedSphere
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
 FURTHER_DEGREES = 4.3  # times the cube root of ka, beyond ka: what is left out is below 1e-8
+
+
+@dataclass(frozen=True)
+class CoatedSphere:
+    """A sphere in the radar frame. radius_m: outer radius. coat_m: thickness of an outer layer with
+    another permittivity than the core (0: no layer)."""
+
+    centre_m: tuple[float, float, float]
+    radius_m: float
+    coat_m: float = 0.0
 
 
 def sphere_echoes(

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.studies.study import relative_error
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
+from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import plate
 from tests.references.exact.cases import MATERIALS, Case, body
 from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes

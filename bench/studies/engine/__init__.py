@@ -1,1 +1,0 @@
-"""Benchmark of the imaging engine and of the simulation: time, error and memory."""

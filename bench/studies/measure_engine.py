@@ -1,0 +1,138 @@
+"""Benchmark of the engine: seconds and error of fast imaging and simulation, next to exact sums.
+
+    python -m handbench.bench.studies.measure_engine [-o runs/bench.json]
+
+The echoes are those of a hand in front of the paper's array; grids and tones are the paper's.
+Seconds depend on the state of the machine, so compare ratio_to_exact, a ratio of times of one run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from handbench.bench.scenes.build import build
+from handbench.bench.scenes.echoes import echo_scene
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_volume
+from handbench.radar.imaging.device import describe
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.simulation.effects.target_surface import shadow_centre
+from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.scene_echoes import bare_echoes
+from handbench.radar.warmup import compile_kernels
+from handbench.support.cost import calibrated_machine
+from handbench.support.files import write_json
+from handbench.support.progress import track
+from handbench.support.store import versions
+
+TOLERANCE = 1e-3
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class EngineCase:
+    """A computation to time.
+
+    fast: computes the whole of it to TOLERANCE. exact: computes a part of it by exact sums; the
+    whole takes `times` as long. part: index of that part in the result of `fast`.
+    """
+
+    section: str
+    fast: Callable[[], np.ndarray]
+    exact: Callable[[], np.ndarray]
+    times: float = 1.0
+    part: Any = ...
+
+
+def hand() -> Scatterers:
+    """Return the facets of a hand in the pose of the letter F that the array sees."""
+    scene = build(SceneFile(version=1, name="F", target={"kind": "hand", "pose": "F"}))
+    surface = shadow_centre(bare_echoes(echo_scene(scene))).surface
+    assert surface is not None  # a hand has one
+    return surface.facets.optics
+
+
+def cases(
+    scatterers: Scatterers, array: AntennaArray, volume: BroadbandConfig, frame: ThreeToneConfig
+) -> list[EngineCase]:
+    """List the three computations: a broadband volume, the images of a 3-FSK frame in a plane, and
+    the echoes of a hand. The exact volume is timed on its middle plane."""
+    tones_hz, frame_hz = volume.tones_hz(), np.array(frame.ladder_hz)
+    echoes = partial(simulate, scatterers, tones_hz, array)
+    samples, frame_samples = echoes(), simulate(scatterers, frame_hz, array)
+    grid, middle = volume.grid(), len(volume.grid().z_m) // 2
+    plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle, None])
+    at_first = VoxelGrid(frame.x.values_m(), frame.y.values_m(), np.array([frame.first_depth_m]))
+    image = partial(image_volume, samples, tones_hz, array)
+    images = partial(image_volume, frame_samples, frame_hz, array, at_first, apart=True)
+    return [
+        EngineCase(
+            "volume",
+            partial(image, grid, TOLERANCE),
+            partial(image, plane, None),
+            len(grid.z_m),
+            np.s_[middle : middle + 1],
+        ),
+        EngineCase(
+            "3-FSK images", partial(images, tolerance=TOLERANCE), partial(images, tolerance=None)
+        ),
+        EngineCase(
+            "simulation", partial(echoes, tolerance=TOLERANCE), partial(echoes, tolerance=None)
+        ),
+    ]
+
+
+def measure(case: EngineCase, repeats: int = REPEATS) -> dict[str, Any]:
+    """Time a computation, and compare its result with exact sums.
+
+    Returns seconds (median of the repeats), plan_seconds (what the first call takes longer),
+    exact_seconds, ratio_to_exact (exact seconds over fast ones) and relative_error (L2).
+    """
+    exact, exact_s = timed(case.exact)
+    fast, first_s = timed(case.fast)
+    seconds = median(timed(case.fast)[1] for _ in range(repeats))
+    return {
+        "section": case.section,
+        "tolerance": TOLERANCE,
+        "seconds": seconds,
+        "plan_seconds": max(first_s - seconds, 0.0),
+        "exact_seconds": case.times * exact_s,
+        "ratio_to_exact": case.times * exact_s / seconds,
+        "relative_error": float(np.linalg.norm(fast[case.part] - exact) / np.linalg.norm(exact)),
+    }
+
+
+def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
+    """Call `work`. Returns its result and the seconds that it took."""
+    start = time.perf_counter()
+    return work(), time.perf_counter() - start
+
+
+def main() -> None:
+    """Measure the three computations; print the table, and write it as a JSON file."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("-o", "--out", type=Path, default=Path("runs/bench.json"))
+    options = parser.parse_args()
+    compile_kernels()
+    measured = cases(hand(), qar50(), BroadbandConfig(), ThreeToneConfig())
+    rows = [measure(case) for case in track(measured, "engine")]
+    machine = {**calibrated_machine(), "imaging_device": describe()}
+    write_json(options.out, {"machine": machine, "versions": versions(), "rows": rows})
+    print(pd.DataFrame(rows).to_string(index=False, float_format="{:.3g}".format))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""The studies run, and write what the product and the documentation read."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from handbench.bench.studies import measure_engine, measure_noise_fit
+from handbench.bench.studies.trust import measure_trust
+from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.depth_uncertainty import FEATURES
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.simulation.forward import Scatterers
+
+
+def engine(out):
+    """On a small volume, with few antennas and scatterers."""
+    few = np.random.default_rng(0).uniform(-0.01, 0.01, (60, 3)) + [0, 0, 0.29]
+    side, depth = (Axis(start_m=a, stop_m=b, step_m=2e-3) for a, b in ((-0.02, 0.02), (0.28, 0.3)))
+    volume = BroadbandConfig(x=side, y=side, z=depth, count=16)
+    array = AntennaArray(qar50().tx_m[::8], qar50().rx_m[::8])
+    frame = ThreeToneConfig(x=side, y=side)
+    cases = measure_engine.cases(Scatterers(few, np.ones(60)), array, volume, frame)
+    rows = [measure_engine.measure(case, repeats=1) for case in cases]
+    assert len(rows) == 3 and all(row["relative_error"] < measure_engine.TOLERANCE for row in rows)
+    assert all(row["ratio_to_exact"] > 0 for row in rows)
+
+
+def noise_fit(out):
+    """A plate, whose strongest pixel needs about 4 mrad for 0.5 mm."""
+    scene = 'version = 1\nname = "plate"\ntarget = { kind = "plate", edge_m = 5e-3 }\n'
+    (out / "plate.toml").write_text(scene)
+    (out / "bench.toml").write_text(
+        'version = 1\nname = "fit"\nrepeats = 5\n[[method]]\nid = "2fsk"\n'
+        '[[capture]]\nscene = "plate.toml"\nmeasures = ["precision"]\n'
+    )
+    assert 1e-4 < measure_noise_fit.fit(str(out / "bench.toml"), 0.5) < 0.1
+
+
+def trust(out):
+    """Of four kinds of surfaces, two calibrate."""
+    words = ["--scenes", "4", "--methods", "3fsk", "--only", "points", "--fit", "-o", str(out)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measure_trust, "WEIGHTS", out / "trust.toml")
+        patch.setattr("sys.argv", ["measure_trust", *words])
+        measure_trust.main()
+    rows = json.loads((out / "trust.json").read_text())["rows"]
+    scenes = {row["group"]: row["scenes"] for row in rows}
+    assert scenes == {"calibration": 2, "other surfaces": 2}
+    assert list(tomllib.loads((out / "trust.toml").read_text())["any"]) == ["constant", *FEATURES]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("study", [engine, noise_fit, trust])
+def test_a_study_runs(study, tmp_path):
+    study(tmp_path)
