@@ -268,7 +268,7 @@ def test_entries_that_cannot_work_are_refused_before_anything_runs(folder, capsy
 def test_the_page_s_method_finds_the_ball(small_bench, tmp_path, capsys):
     """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind
     the plane imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
-    [code] = blocks(DOCS / "submissions.md", "python")
+    code = blocks(DOCS / "own_data.md", "python")[-1]
     old, fewer = "np.arange(-150, 151)", "np.arange(-20, 21, 4)"
     assert old in code
     (tmp_path / "page.py").write_text(code.replace(old, fewer))

@@ -56,7 +56,7 @@ def test_letters_are_one_body_that_fits_the_scene(name: str) -> None:
     assert len(surface.cluster_connected_triangles()[1]) == 1
     assert np.abs(hand_field(pose)(vertices_m)).max() < 1e-5
     # A groove where digits touch is narrower than these facets; at the 1 mm of scenes none cross
-    # (docs/hand.md).
+    # (docs/hand_and_effects.md).
     assert crossing_faces(vertices_m, faces) < 2e-3 * len(faces)
     placed_m = vertices_m + [0.0, -0.030, 0.310]  # as in scenes
     seen = Rays(placed_m, faces).in_sight(placed_m, np.zeros(3))

@@ -73,8 +73,8 @@ def mae(values):
 
 
 def test_depth_is_freed_of_motion_and_velocity_is_found():
-    # a script that shares no code reached 0.17 mm and 7 % (docs/moving.md); 3-FSK alone errs by
-    # about f/Δf·v·T: 48 ms of half the edge's speed
+    # a script that shares no code reached 0.17 mm and 7 %; 3-FSK alone errs by about f/Δf·v·T:
+    # 48 ms of half the edge's speed
     still, moving = capture(speed_m_s=0.0), capture(speed_m_s=0.1)
     rest_mm = 1e3 * mae(errors(mapped("3fsk", still), 0.0)[0])
     at_rest = mapped("3fsk-doppler", still)
