@@ -71,5 +71,5 @@ def image_measured(folder: str | Path) -> Iterator[MeasuredImage]:
     if not found:
         raise HandbenchError(
             f"{folder}: has no capture that sets up a method; expected tables [capture.methods.ID] "
-            "in a mapping.toml, as in docs/real_data.md"
+            "in a mapping.toml, as in docs/own_data.md"
         )

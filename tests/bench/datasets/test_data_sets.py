@@ -1,16 +1,13 @@
 """Whole data sets in a benchmark file, and what opens a folder."""
 
-import re
 import shutil
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.mapping import Mapping, PairsMapping
 from handbench.bench.datasets.native import CaptureFile
-from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
+from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 
@@ -96,19 +93,3 @@ def test_what_opens_a_folder(data_set, tmp_path):
     ):
         with pytest.raises(HandbenchError, match=words):
             open_capture(Path(place))
-
-
-def test_the_files_of_the_page_are_read():
-    page = (Path(__file__).parents[3] / "docs" / "maroon.md").read_text("utf-8")
-    bench, mapping, moved, more = map(
-        tomllib.loads, re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
-    )
-    assert BenchFile.model_validate(bench).dataset[0].distances == (30,)
-    # of samples by pair, which these are not
-    assert PairsMapping.model_validate(more.pop("pairs")).first == 1
-    found = Mapping.model_validate({**mapping, "rx": mapping["tx"], **more})
-    assert found.samples.reversed and found.wave_speed_m_s == 1e8
-    assert sorted(found.array[0].datasets) == ["rx2", "tx2", "xr2"]
-    axes = {"axes": ["y", "x", "rx", "frequency"]}
-    found = Mapping.model_validate({**mapping, **moved, "samples": mapping["samples"] | axes})
-    assert found.rx.columns == ((-60, -55),)

@@ -1,4 +1,4 @@
-"""Measured echoes of others, by the mappings of docs/real_data.md, against their truths."""
+"""Measured echoes of others, by the mappings of docs/real_data.py, against their truths."""
 
 from pathlib import Path
 
