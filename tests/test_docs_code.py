@@ -30,7 +30,7 @@ NOT_RUN = (  # how a block begins: with arguments, on a cluster, inside a functi
     '            "within_2mm_percent": 100',
 )
 RUN = {  # page → what its commands name if they run
-    "docs/tutorial.md": "(hand|first|second).toml|capture|3fsk.npz|runs/first",
+    "docs/tutorial.md": r"hand.toml -o|capture|3fsk.npz|(first|second).toml|runs/first",
     "docs/own_data.md": r" array\b",
 }
 
