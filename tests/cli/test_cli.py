@@ -219,7 +219,7 @@ def test_inspect_reports_every_problem(made, tmp_path, capsys):
 def test_list_and_doctor_speak(capsys):
     assert main(["list"]) == 0
     listing = capsys.readouterr().out
-    for word in ("broadband", "paper_table", "threshold_db", "capture.toml", "planar_scan"):
+    for word in ("broadband", "paper_table", "threshold_db", "capture.toml", "touchstone"):
         assert word in listing
     assert main(["list", "effects", "noise"]) == 0
     listed = capsys.readouterr().out

@@ -115,15 +115,6 @@ def maroon(folder: Path) -> None:
     depth(folder)
 
 
-def planar_scan(folder: Path) -> None:
-    """The six arrays of a raster scan, and its phases."""
-    samples = np.random.default_rng(2).integers(0, 2**16, (2, 3, 4, 5)).astype(np.uint16)
-    with (folder / "scan.npy").open("wb") as stream:
-        for values in (samples, 22.2e9, 26.2e9, 3, [2e-3, 2e-3], 0.1):
-            np.save(stream, np.array(values))
-    np.savetxt(folder / "phase.txt", [[22.2e9, 24e9, 26.2e9], [0.1, 0.2, -0.3]])
-
-
 def touchstone(folder: Path) -> None:
     """Four Touchstone files of two ports, with the positions of their antennas."""
     files = {name: analyser.two_port(*at) for name, at in analyser.PAIRS.items()}

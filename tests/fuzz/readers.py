@@ -12,7 +12,6 @@ from typing import Any
 
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.foam_panel import import_planar_scan
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.ti_raw import import_ti_raw
 from handbench.bench.datasets.touchstone import import_touchstone
@@ -173,13 +172,6 @@ READERS: tuple[Reader, ...] = (
         captures.maroon,
         _maroon,
         (FRAME, FRAME, "hand/30/metadata.json", "hand/30/alignment.json"),
-        3,
-    ),
-    Reader(
-        "planar_scan",
-        captures.planar_scan,
-        _writing(lambda folder: import_planar_scan(folder, folder / OUT)),
-        ("scan.npy", "phase.txt"),
         3,
     ),
     Reader(

@@ -84,12 +84,12 @@ def test_what_opens_a_folder(data_set, tmp_path):
     assert (native.about, native.truth) == (known, native.folder / "truth.ply")
     assert native.mesh() is native.photos is native.transform() is None
     (tmp_path / "scan").mkdir()
-    (tmp_path / "scan" / "scan.npy").touch()
+    (tmp_path / "scan" / "positions.csv").touch()
     for place, words in (
         (f"{native.folder}@emptyfiltered", "only captures of MAROON have frames @emptyfiltered"),
         (tmp_path, r"is not a capture; expected capture\.toml \(handbench\), mapping\.toml"),
         (tmp_path / "nowhere", "expected a folder with a capture, found nothing"),
-        (tmp_path / "scan", "run `handbench import planar_scan`"),
+        (tmp_path / "scan", "run `handbench import touchstone`"),
     ):
         with pytest.raises(HandbenchError, match=words):
             open_capture(Path(place))
