@@ -319,11 +319,8 @@ class Depth(Plottable):
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
-        from handbench.bench.pipeline.score import (
-            read_reference_surface,
-            reference_of_surface,
-            score,
-        )
+        from handbench.bench.pipeline.score import reference_of_surface, score
+        from handbench.groundtruth.mesh.surface import read_surface
         from handbench.radar.data.grid import PixelGrid
         from handbench.support.errors import HandbenchError
 
@@ -346,7 +343,7 @@ class Depth(Plottable):
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
         reference = reference_of_surface(
-            read_reference_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
+            read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
         recorded = None if self.capture is None else self.capture._recorded
         found = score(self.map, reference, scoring_protocols.protocol(protocol), recorded)

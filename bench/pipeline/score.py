@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.datasets.checksums import require_unchanged
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.floor import floor_mm
@@ -96,13 +95,6 @@ def reference_of_surface(
     return reference_on_grid(surface.moved(radar_from_mesh), grid.x_m, grid.y_m, radar_from_mesh)
 
 
-def read_reference_surface(mesh_file: str | Path) -> Surface:
-    """Read the surface that depth maps are scored against. Raises HandbenchError if it cannot be
-    read, or does not match the checksums of the set of captures that it is a part of."""
-    require_unchanged(Path(mesh_file))
-    return read_surface(mesh_file)
-
-
 def reference_of_file(
     mesh_file: Path, radar_from_mesh: Transform, grid: PixelGrid, exact: bool = False
 ) -> Reference:
@@ -112,7 +104,7 @@ def reference_of_file(
     radar_from_mesh: transform from the mesh's frame to the radar frame. exact: True if surface and
     transform have no error, as in a simulation, whose surface is at rest if it has no velocities.
     """
-    surface = read_reference_surface(mesh_file)
+    surface = read_surface(mesh_file)
     if exact:
         v_m_s, at_rest = surface.velocity_m_s, np.zeros(surface.vertices_m.shape)
         surface = replace(

@@ -2,7 +2,6 @@
 
 bench.toml      the benchmark with these captures in place of scenes, for `handbench run`
 captures/NAME   capture folders
-checksums.txt   checksums of all files of the captures; a run compares them
 """
 
 from pathlib import Path
@@ -10,7 +9,6 @@ from typing import Any
 
 import tomlkit
 
-from handbench.bench.datasets.checksums import CAPTURES, CHECKSUMS, listed_captures, write_checksums
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, load_benchmark
 from handbench.bench.run.jobs import scene_of
@@ -22,7 +20,7 @@ from handbench.support.files import write_text
 from handbench.support.folder import drop, is_owned_folder
 from handbench.support.progress import part, predicted_work
 
-BENCH = "bench.toml"
+BENCH, CAPTURES = "bench.toml", "captures"
 
 
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
@@ -53,7 +51,7 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
             file.parent,
             bench.frames_of(source) if isinstance(source, Source) else 1,
         )
-    _start(folder, _of_captures(bench, name, list(scenes)), overwrite)
+    _start(folder, _of_captures(bench, name, list(scenes)), list(scenes), overwrite)
     left = {
         folder / CAPTURES / name: scene
         for name, scene in scenes.items()
@@ -63,7 +61,6 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
         for at, (scene, place, frames) in left.items():
             with part(scene.name, simulating_s(scene, frames)):
                 simulate_capture(build(scene, place), at, frames)
-    write_checksums(folder)
     return len(scenes)
 
 
@@ -90,25 +87,24 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
     return tomlkit.dumps(content)
 
 
-def _start(folder: Path, text: str, overwrite: bool) -> None:
+def _start(folder: Path, text: str, names: list[str], overwrite: bool) -> None:
     """Write the benchmark file `text` into a folder that is new, empty, or left by an interrupted
     call with the same text.
-    overwrite: replace captures that the folder has. Raises HandbenchError if the folder has other
-    files, or captures that must not be overwritten."""
-    file = folder / BENCH
+    names: of its captures. overwrite: delete all captures that the folder has. Raises
+    HandbenchError if the folder has other files, or captures that must not be overwritten."""
+    file, captures = folder / BENCH, folder / CAPTURES
     if folder.exists() and any(folder.iterdir()):
         if not file.is_file():
             raise HandbenchError(
                 f"{folder}: has files but no {BENCH}; choose another folder for -o"
             )
-        done = (folder / CHECKSUMS).exists() or file.read_text("utf-8", "replace") != text
+        done = all((captures / name).is_dir() for name in names)
+        done = done or file.read_text("utf-8", "replace") != text
         if done and not overwrite:
             raise HandbenchError(
                 f"{folder}: has a set of captures already; choose another folder for -o, or use "
                 "--overwrite to replace it"
             )
-        if overwrite and is_owned_folder(folder / CAPTURES):
-            names = listed_captures(folder)
-            drop(folder, (CHECKSUMS,))
-            drop(folder / CAPTURES, names)
+        if overwrite and is_owned_folder(captures):
+            drop(captures, [path.name for path in captures.glob("[!.]*")])
     write_text(file, text)

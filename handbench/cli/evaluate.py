@@ -23,9 +23,10 @@ def run(options: argparse.Namespace) -> str | None:
     from handbench.bench.evaluation.floor import floor_interval
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.evaluation.scoring_protocols import protocol
-    from handbench.bench.pipeline.score import read_reference_surface, reference_of_surface, score
+    from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.validation.checks import figure_warnings, map_warnings
     from handbench.bench.validation.mistakes import misplacement_warnings
+    from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.depthmap import load_depthmap
     from handbench.radar.data.grid import PixelGrid
     from handbench.support.progress import say
@@ -35,7 +36,7 @@ def run(options: argparse.Namespace) -> str | None:
     depth = load_depthmap(options.depth)
     if options.most_p_gross is not None:
         depth = depth.trusted(options.most_p_gross)
-    transform, surface = load_any_transform(options.transform), read_reference_surface(options.mesh)
+    transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
     recorded = None if options.capture is None else open_capture(options.capture)
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
     scores = score(depth, reference, protocol(options.protocol), recorded)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
 from handbench.bench.run.benchmark_file import embedded_benchmarks
-from handbench.bench.run.capture_set import BENCH, simulate_benchmark
+from handbench.bench.run.capture_set import BENCH, CAPTURES, simulate_benchmark
 from handbench.bench.run.planned_cost import simulating_s
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
@@ -28,6 +28,9 @@ def run(options: argparse.Namespace) -> str | None:
                 "simulate: a benchmark needs -o DIR and accepts neither --explain nor --frames; "
                 "add -o DIR and leave these out, or name a scene file"
             )
+        for capture in (options.out / CAPTURES).glob("[!.]*"):
+            if options.overwrite:
+                free_folder(capture, True, WRITTEN)
         count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
         captures = f"{count} capture{'s' * (count > 1)}"
         print(f"{captures}: handbench run {options.out / BENCH} -o RESULT")

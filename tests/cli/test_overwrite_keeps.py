@@ -4,7 +4,6 @@ import shutil
 
 import pytest
 
-from handbench.bench.datasets.checksums import listed_captures, write_checksums
 from handbench.bench.datasets.simulated import WRITTEN
 from handbench.cli.main import main
 from handbench.cli.options import free_folder
@@ -44,14 +43,3 @@ def test_a_recorded_capture_is_no_simulated_one(small_bench, simulated, tmp_path
     assert main(["simulate", scene, "-o", str(capture), "--overwrite"]) == 2
     assert "this command did not make this folder" in " ".join(capsys.readouterr().err.split())
     assert (capture / "echoes.h5").read_bytes() == before
-
-
-def test_of_a_set_only_its_own_captures_are_replaced(simulated, tmp_path):
-    for name in ("ball", "other"):
-        shutil.copytree(simulated, tmp_path / "captures" / name)
-    write_checksums(tmp_path)
-    shutil.copytree(simulated, tmp_path / "captures" / "mine")
-    assert listed_captures(tmp_path) == ["ball", "other"]
-    (tmp_path / "captures" / "other" / "notes.txt").write_text("mine")
-    with pytest.raises(HandbenchError, match=r"other/notes.txt: is not listed in .*checksums.txt"):
-        listed_captures(tmp_path)

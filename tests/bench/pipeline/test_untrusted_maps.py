@@ -1,19 +1,14 @@
-"""What is scored is checked first: the numbers of a depth map, and the reference's files."""
+"""The numbers of a depth map are checked before it is scored."""
 
-import hashlib
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.pipeline.score import score
-from handbench.calibration.transforms import identity
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from handbench.interface import Depth
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.errors import HandbenchError
 
@@ -69,34 +64,3 @@ def test_maps_with_nothing_at_some_pixels_are_scored(turned):
 def ball(file):
     mesh = load_open3d().geometry.TriangleMesh.create_sphere(0.02, resolution=10)
     write_mesh(file, mesh.translate((0, 0, 0.3)))
-
-
-@pytest.mark.parametrize(
-    "form", ["{} *{}\n", "{}  ./{}\n", "{}  {}\n"], ids=["binary", "./", "plain"]
-)
-@pytest.mark.parametrize("changed", ["truth.ply", "radar_from_photo.json"])
-def test_reference_files_are_compared_with_their_checksums(tmp_path, capsys, form, changed):
-    capture = tmp_path / "captures" / "hand"
-    capture.mkdir(parents=True)
-    save_capture_file(capture, CaptureFile(name="hand"))
-    ball(capture / "truth.ply")
-    identity("radar").save(capture / "radar_from_photo.json")
-    lines = [
-        form.format(hashlib.sha256(p.read_bytes()).hexdigest(), p.relative_to(tmp_path).as_posix())
-        for p in sorted(capture.iterdir())
-    ]
-    (tmp_path / "checksums.txt").write_text("".join(lines))
-    PLAIN.save(tmp_path / "d.npz")
-    files = {"mesh": capture / "truth.ply", "transform": capture / "radar_from_photo.json"}
-    options = [str(part) for name, file in files.items() for part in (f"--{name}", file)]
-    command = ["evaluate", str(tmp_path / "d.npz"), *options]
-    assert main(command) == 0
-    mae_mm = json.loads(capsys.readouterr().out)["mae_mm"]
-    assert Depth(PLAIN).evaluate(**files)["mae_mm"] == mae_mm
-    with (capture / changed).open("ab") as stream:
-        stream.write(b"\n")
-    expected = f"checksums.txt: captures/hand/{changed} has changed"
-    assert main(command) == 2
-    assert expected in " ".join(capsys.readouterr().err.split())
-    with pytest.raises(HandbenchError, match=expected):
-        Depth(PLAIN).evaluate(**files)
