@@ -24,12 +24,10 @@ class Transform:
     `target_from_source`.
 
     source, target: names of the frames. matrix: 4×4, upper left = scale · rotation, last column in
-    metres; a negative scale marks the source's points as a mirror image, which files never have.
-    covariance: 6×6, or 7×7 with log scale, of [translation_m, rotation_rad(, log scale)] of a small
-    motion that is applied after the transform, in the target frame and about its origin.
+    metres. covariance: 6×6, or 7×7 with log scale, of [translation_m, rotation_rad(, log scale)] of
+    a small motion that is applied after the transform, in the target frame and about its origin.
     residuals_m: one distance for each matched point. refined: how alignment to the radar's depth
-    map changed the transform, with the "reason" to distrust it (None: not refined). note: how the
-    file was interpreted.
+    map changed the transform, with the "reason" to distrust it (None: not refined).
     """
 
     source: str
@@ -38,7 +36,6 @@ class Transform:
     covariance: np.ndarray | None = None
     residuals_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     refined: dict[str, Any] | None = None
-    note: str | None = None
 
     @property
     def scale(self) -> float:
@@ -99,10 +96,7 @@ class Transform:
             "scale": self.scale,
         }
         content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
-        write_json(
-            path,
-            content | {key: value for key in ("refined", "note") if (value := getattr(self, key))},
-        )
+        write_json(path, content | ({"refined": self.refined} if self.refined else {}))
 
 
 def identity(frame: str) -> Transform:
@@ -243,8 +237,7 @@ def load_transform(path: str | Path) -> Transform:
             f"""{path}: 'refined' has no "reason"; use a file that `handbench calibrate """
             "--refine` wrote"
         )
-    note = str(content["note"]) if "note" in content else None
-    return Transform(source, target, matrix, covariance, residuals_m, refined, note)
+    return Transform(source, target, matrix, covariance, residuals_m, refined)
 
 
 def checked_numbers(

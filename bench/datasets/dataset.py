@@ -152,7 +152,7 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
     kind: format of the capture, "maroon" or "mapping". path: the capture. folder: the folder to
     make. It receives the echoes of all frames, the measured mesh (without one, the photographs),
     the transform, the true surface and the description, as far as the capture has them. Raises
-    HandbenchError if the capture has another format, or if its transform contains a reflection.
+    HandbenchError if the capture has another format.
     """
     capture = open_capture(path)
     if not isinstance(capture, foreign()[kind]):
@@ -161,11 +161,6 @@ def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
             "import for this kind"
         )
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
-    if transform is not None and transform.scale < 0:
-        raise HandbenchError(
-            f"{path}: {transform.note}, which a capture folder cannot record; use the original "
-            "folder instead of importing it"
-        )
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())
         for file, name in ((mesh, MESH), (capture.truth, TRUTH)):

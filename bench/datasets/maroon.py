@@ -5,17 +5,15 @@ One object at one distance is a capture.
                 radar_72.0_82.0_128/  calibration.json
                 radar_72.0_82.0_128/calibrated_data/  000000.npy  000000_emptyfiltered.npy …
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
-                kinect/ realsense/ zed/  calibration.json  depth/  mask/ …
 
-MAROON's radar frame is handbench's with x negated, or equal to it where
-`bench.datasets.maroon_alignment` finds so. Boxes are converted here, transforms there; the antennas
-need no conversion.
+MAROON's radar frame is handbench's with x negated, or equal to it if the matrix in alignment.json
+has no reflection (`bench.datasets.maroon_alignment`). Boxes are converted here, transforms there;
+the antennas need no conversion.
 """
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,19 +22,14 @@ from pydantic import Field
 
 from handbench.bench.datasets.maroon_alignment import (
     ALIGNMENT,
-    LENSES,
-    Handedness,
-    OtherSensor,
-    Triangles,
-    handedness_of,
+    KEY,
+    is_mirrored,
     load_alignment,
-    pictures,
     read_table,
 )
 from handbench.bench.datasets.maroon_frame import read_frame
 from handbench.bench.datasets.native import EMPTY_FILTERED, CaptureFile, NativeCapture
 from handbench.calibration.transforms import Transform, checked_numbers
-from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -48,19 +41,15 @@ from handbench.support.progress import say
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
 REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
 PHOTOGRAMMETRY = "photogrammetry"
-# the first: of photographs cut to the object
-MESHES = {"masked": "mesh_masked.obj", "whole": "mesh.obj"}
+MESHES = ("mesh_masked.obj", "mesh.obj")  # cropped to the object, and whole
 # their shipped box, 0.25 to 0.4 m for objects at 0.3 m
-BEHIND_M = {"start_m": -0.05, "stop_m": 0.10, "step_m": 0.001}
+START_M, STOP_M, STEP_M = -0.05, 0.10, 0.001
 # their code's, where metadata.json has none: the first for objects at 0.3 m only
 NEAR_ZMIN_M, ZMAX_M = (0.26, 0.7)
 ROUNDED = 7  # decimals of metres: they keep float32
 # the methods that want pixels, and those of voxels
-PLANES = ("2fsk", "3fsk", "nfsk", "joint", "prior-2fsk", *LENSES)
+PLANES = ("2fsk", "3fsk", "nfsk", "joint")
 PROJECTIONS = ("broadband", "narrowband")
-CHECK_SIGNS = (
-    "check the signs in the matrix, above all that of x, and whether it should have a reflection"
-)
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
 # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 RADAR_KERNEL = 4
@@ -70,15 +59,13 @@ class Metadata(Config, extra="ignore"):
     """The used part of a capture's `metadata.json`.
 
     mask_bb: bounds of the scored box in MAROON's radar frame, metres, under the keys xmin to zmax.
-    handbench_echo_scale: factor by which handbench 0.2 multiplied the echoes that it exported.
     """
 
     calibration: str | None = None
     distance_meters: float | None = Field(default=None, gt=0)
     mask_erosion: float = Field(default=0.0, ge=0, le=1000)
     mask_bb: dict[str, float] = Field(default_factory=dict)
-    mask_3d_threshold: float | None = None  # what zmax was called before
-    handbench_echo_scale: float = Field(default=1.0, ge=2**-100, le=2**100)
+    mask_3d_threshold: float = ZMAX_M  # of z: what mask_bb's zmax was called before
 
 
 @dataclass(frozen=True)
@@ -134,9 +121,8 @@ class MaroonCapture(NativeCapture):
         """Read the echoes of the first `frames` frames (None: as many as the first frame's file
         states).
 
-        MAROON's echoes are always calibrated, so `calibrated` has no effect. The result also has
-        the other sensors that alignment.json relates to the radar. Raises HandbenchError if the
-        frames have different frequencies.
+        MAROON's echoes are always calibrated, so `calibrated` has no effect. Raises HandbenchError
+        if the frames have different frequencies.
         """
         first = read_frame(self._file(0))
         count = first.count if frames is None else min(frames, first.count)
@@ -148,11 +134,8 @@ class MaroonCapture(NativeCapture):
                     "frame; use frames of one sweep only"
                 )
         samples = np.stack([frame.samples for frame in read])
-        parts = samples.view(np.float32)  # a power of two changes none of their digits
-        with np.errstate(over="ignore", invalid="ignore"):  # a capture names what is not finite
-            parts *= np.float32(1 / self.metadata.handbench_echo_scale)
         try:
-            return RadarCapture(samples, first.frequencies_hz, qar50(), sensors=self.sensors())
+            return RadarCapture(samples, first.frequencies_hz, qar50())
         except HandbenchError as error:
             raise HandbenchError(f"{self._file(0).parent}: {error}") from None
 
@@ -166,46 +149,34 @@ class MaroonCapture(NativeCapture):
         """Return the file of the mesh that is cropped to the object, in the frame of MAROON's
         photogrammetry, metres. If it is missing, the whole mesh is used and a message printed, as
         in MAROON's code; None if there is no mesh."""
-        masked, whole = (
-            self.folder / PHOTOGRAMMETRY / MESHES[kind] for kind in ("masked", "whole")
-        )
-        if masked.is_file() or not whole.is_file():
-            return masked if masked.is_file() else None
+        masked, whole = (self.folder / PHOTOGRAMMETRY / name for name in MESHES)
+        if masked.is_file():
+            return masked
+        if not whole.is_file():
+            return None
         say(f"{self.folder}: has no {masked.name}, so {whole.name} is used, as in MAROON's code")
         return whole
 
     def transform(self) -> Transform | None:
-        """Return the transform from the photo frame to handbench's radar frame, with a note that
-        says how the handedness of MAROON's radar frame was found. None if there is no
+        """Return the transform from the photo frame to handbench's radar frame; None if there is no
         alignment.json."""
-        file, hand = self.alignment, self.handedness
-        return (
-            replace(load_alignment(file, mirrored=hand.mirrored), note=hand.note) if file else None
-        )
+        return load_alignment(self.alignment) if self.alignment else None
 
     @property
-    def handedness(self) -> Handedness:
-        """Whether the x axis of the capture's radar frame is opposite to handbench's, and how that
-        was found. Without an alignment.json, it is taken to be opposite, as in MAROON's code."""
-        return _handedness(self, self.key(1))
+    def mirrored(self) -> bool:
+        """Whether the x axis of the capture's radar frame is opposite to handbench's, as in
+        MAROON's code; it is not if the matrix in alignment.json has no reflection."""
+        return self.alignment is None or is_mirrored(self.alignment)
 
     def warnings(self) -> list[str]:
-        """Return a warning if the matrix in alignment.json has no reflection, or does not put the
-        surface where the radar measures one; otherwise an empty list."""
-        hand = self.handedness
-        return [f"{ALIGNMENT}: {hand.note}; {CHECK_SIGNS}"] if hand.suspect else []
-
-    def sensors(self) -> dict[str, OtherSensor]:
-        """Return the other depth sensors, by name, that have both pictures in the capture's folder
-        and a matrix in alignment.json."""
-        file, mirrored = self.alignment, lambda: self.handedness.mirrored
-        here = [name for name in LENSES if pictures(self.folder, name, "depth")]
-        known = read_table(file) if file and here else {}
-        return {
-            n: OtherSensor(self.folder, n, file, mirrored)
-            for n in here
-            if file and f"{n}2radar" in known
-        }
+        """Return a warning if the matrix in alignment.json has no reflection; otherwise an empty
+        list."""
+        if self.mirrored:
+            return []
+        return [
+            f"{ALIGNMENT}: {KEY} has no reflection, so x of its radar frame is taken as it is; "
+            "check the signs in the matrix, above all that of x"
+        ]
 
     def mask(self, depth: DepthMap, erode: bool = False) -> np.ndarray:
         """Return the mask [ny, nx] of the pixels of a depth map that MAROON's code scores: those
@@ -218,8 +189,7 @@ class MaroonCapture(NativeCapture):
         found = np.isfinite(depth.z_m)
         if erode:
             found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
-        turned = bool({"xmin", "xmax"} & self.metadata.mask_bb.keys()) and self.handedness.mirrored
-        x_m, y_m = np.meshgrid(-depth.x_m if turned else depth.x_m, depth.y_m)
+        x_m, y_m = np.meshgrid(-depth.x_m if self.mirrored else depth.x_m, depth.y_m)
         for axis, values_m in zip("xyz", (x_m, y_m, depth.z_m), strict=True):
             low_m, high_m = self._bounds_m(axis)
             with np.errstate(invalid="ignore"):
@@ -228,13 +198,9 @@ class MaroonCapture(NativeCapture):
 
     def key(self, frames: int | None = None) -> str:
         """Return a hash of all files that a run reads: descriptions, masks, the mesh (without one,
-        the photographs), and the first `frames` frames (None: all) of the radar and the other
-        sensors."""
+        the photographs), and the first `frames` frames (None: all) of the radar."""
         files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
-        for sensor in LENSES:
-            depths, masks = (pictures(self.folder, sensor, kind) for kind in ("depth", "mask"))
-            described += [self.folder / sensor / VOLUMES, *depths[:frames], *masks[-1:]]
         found = [*described, self.mesh() or self.photos, *files[:frames]]
         read = [path for path in found if path is not None and path.exists()]
         return content_hash([f"{path.parent.name}/{path.name}" for path in read], *read)
@@ -263,12 +229,10 @@ class MaroonCapture(NativeCapture):
         """Return the lower and upper bound of the scored box along an axis ("x", "y" or "z") of
         MAROON's radar frame, metres. Bounds that metadata.json lacks are those in MAROON's code.
         Raises HandbenchError if the box is empty."""
-        about = self.metadata
-        near = NEAR_ZMIN_M if about.distance_meters == 0.3 else -np.inf
-        low, high = {"z": (near, ZMAX_M)}.get(axis, (-np.inf, np.inf))
-        high = (
-            about.mask_3d_threshold if axis == "z" and about.mask_3d_threshold is not None else high
-        )
+        about, low, high = self.metadata, -np.inf, np.inf
+        if axis == "z":
+            low = NEAR_ZMIN_M if about.distance_meters == 0.3 else low
+            high = about.mask_3d_threshold
         low, high = about.mask_bb.get(f"{axis}min", low), about.mask_bb.get(f"{axis}max", high)
         if low >= high:
             raise HandbenchError(
@@ -286,15 +250,13 @@ class MaroonCapture(NativeCapture):
         unknown too.
         """
         file = self.radar / VOLUMES
-        frame = read_table(file, f"MAROON's {VOLUMES}").get(f"{0:06d}", {}) if file.exists() else {}
+        frame = read_table(file, f"MAROON's {VOLUMES}").get("000000", {}) if file.exists() else {}
         distance_m = self.metadata.distance_meters
         if isinstance(frame, dict) and "volume" in frame:
             box = self._axes(file, frame["volume"])
         elif distance_m is not None:
-            ends = {
-                end: round(distance_m + BEHIND_M[end], ROUNDED) for end in ("start_m", "stop_m")
-            }
-            box = {"z": BEHIND_M | ends}
+            start_m, stop_m = (round(distance_m + end_m, ROUNDED) for end_m in (START_M, STOP_M))
+            box = {"z": {"start_m": start_m, "stop_m": stop_m, "step_m": STEP_M}}
         else:
             return {}
         pixels = {axis: box[axis] for axis in "xy" if axis in box}
@@ -314,41 +276,16 @@ class MaroonCapture(NativeCapture):
                 f"{file}: 'volume' extends from {low.tolist()} to {high.tolist()} in "
                 f"{count.tolist()} voxels; expected whole numbers ≥ 1, and bb_min below bb_max"
             )
-        if low[0] != -high[0] and self.handedness.mirrored:
+        if self.mirrored:
             low[0], high[0] = -high[0], -low[0]
-        ends = zip(
-            low.round(ROUNDED).tolist(),
-            high.round(ROUNDED).tolist(),
-            count.astype(int).tolist(),
-            strict=True,
-        )
-        return {
-            axis: {
-                "start_m": a,
-                "stop_m": b,
-                "step_m": (b - a) / (n - 1) if n > 1 and b > a else BEHIND_M["step_m"],
-            }
-            for axis, (a, b, n) in zip("xyz", ends, strict=True)
-        }
-
-
-@cache
-def _handedness(capture: MaroonCapture, key: str) -> Handedness:
-    """Find out whether the x axis of a capture's radar frame is opposite to handbench's, from its
-    mesh or, without one, from another sensor.
-
-    key: hash of the capture's content; results are cached in this process by capture and key.
-    """
-    file, mesh_file = capture.alignment, capture.mesh()
-    if file is None:
-        return Handedness(True, "")
-    found: dict[str, Callable[[], Triangles]] = {
-        name: sensor.triangles for name, sensor in capture.sensors().items()
-    }
-    if mesh_file is not None:
-        found = {PHOTOGRAMMETRY: lambda: read_triangles(mesh_file)[:2]}
-    source, surface = next(iter(found.items()), (PHOTOGRAMMETRY, None))
-    return handedness_of(file, source, surface, lambda: capture.echoes(1))
+        axes = {}
+        for axis, *values in zip(
+            "xyz", low.round(ROUNDED), high.round(ROUNDED), count, strict=True
+        ):
+            start_m, stop_m, n = map(float, values)
+            step_m = (stop_m - start_m) / (n - 1) if n > 1 and stop_m > start_m else STEP_M
+            axes[axis] = {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
+        return axes
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:

@@ -200,8 +200,6 @@ def references(
     transform, mesh = data.transform() or registration, data.mesh()
     if transform is not None and transform.refined:
         found.facts.setdefault("refined_transforms", {})[capture.name] = transform.refined["reason"]
-    if transform is not None and transform.note:
-        found.facts.setdefault("transform_notes", {})[capture.name] = transform.note
     if transform is not None and mesh is not None:
         available["photogrammetry"] = mesh, transform
     elif transform is not None and made is not None:

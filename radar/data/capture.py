@@ -1,14 +1,12 @@
 """Radar captures: the echoes of one scene."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, times, tones
-from handbench.radar.data.grid import PixelGrid
 from handbench.support.errors import HandbenchError
 
 SLOWEST = 100  # how many times slower than in vacuum a wave may be (in water: 9)
@@ -24,10 +22,9 @@ class RadarCapture:
     samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan; frequencies_hz: [f], in any
     order, perhaps some repeatedly; wave_speed_m_s: speed of waves in the medium in front of the
     antennas; source, licence: origin and licence of the recording; calibration: content of the
-    antennas' `array.json`, not applied yet (`calibration.array.array_file`); sensors: other sensors
-    that recorded the scene, by name, each as a function (pixel grid, frame) → depths z_m [ny, nx],
-    metres; times_s: [f], when each tone is measured, seconds from the start of its frame;
-    frame_times_s: [frame], when each frame starts, ascending (both None if unknown).
+    antennas' `array.json`, not applied yet (`calibration.array.array_file`); times_s:
+    [f], when each tone is measured, seconds from the start of its frame; frame_times_s: [frame],
+    when each frame starts, ascending (both None if unknown).
     """
 
     samples: np.ndarray
@@ -37,9 +34,6 @@ class RadarCapture:
     source: str = ""
     licence: str = ""
     calibration: Any = None
-    sensors: Mapping[str, Callable[[PixelGrid, int], np.ndarray]] = field(
-        default_factory=dict, repr=False
-    )
     times_s: np.ndarray | None = None
     frame_times_s: np.ndarray | None = None
 

@@ -349,11 +349,8 @@ def with_p_gross(
     Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
     variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Where the method
     itself flags a pixel (`wrapped`), p_gross is at least the probability from which it does so.
-    Maps of other sensors are returned unchanged. config: configuration of the method that made the
-    map.
+    config: configuration of the method that made the map.
     """
-    if depth.method in capture.sensors:
-        return depth
     index, found = features(depth, capture, config, frame)
     p_gross = np.where(np.isfinite(depth.z_m), 1.0, np.nan)
     p_gross.ravel()[index] = probability(found, weights_of(depth.method))

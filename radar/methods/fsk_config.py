@@ -7,7 +7,7 @@ from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 
 from handbench.radar.data.grid import MOST_ON_AXIS, Axis, GridConfig, PixelGrid
 from handbench.support.config import Tone
@@ -34,8 +34,7 @@ FirstDepth = Annotated[float, Field(gt=0, le=100)]
 
 
 class PixelsConfig(GridConfig):
-    """The pixels of a depth map: all the parameters of methods that need no others, such as depths
-    of another sensor."""
+    """The pixels of a depth map."""
 
     x: Axis = PAPER_LATERAL
     y: Axis = PAPER_LATERAL
@@ -236,51 +235,6 @@ class JointConfig(AgreementConfig, FskConfig):
         return tones_hz
 
 
-class PriorConfig(AgreementConfig, FskConfig):
-    """Parameters of the method that starts from a first depth of each pixel from another source:
-    two tones far apart measure the depth near it, and a third tone, close to the first, reveals
-    wrong first depths."""
-
-    threshold_db: float = Field(
-        default=-16.0, lt=0, description="pixels weaker than this are off target"
-    )
-    off_axis: bool = Field(
-        default=True, description="use the path's true derivative along z instead of 2"
-    )
-    prior: str = Field(
-        default="",
-        description="depth map .npz, or other sensor; empty: the echoes' own coarse depth",
-    )
-    f1_hz: Tone = Field(default=82.0e9, description="first tone")
-    far_hz: Tone = Field(
-        default=77.0e9, description="second tone; |f1 − far| sets what the prior may be off"
-    )
-    close_hz: Tone = Field(
-        default=81.8e9, description="witness: with f1 it tells a depth of another period"
-    )
-    coarse_filter_px: OddPixels = Field(
-        default=5, description="averaging filter of the echoes' coarse depth, pixels"
-    )
-    wrap_probability: float = Field(
-        default=0.1, gt=0, lt=1, description="pixels likelier than this are flagged"
-    )
-
-    @property
-    def ladder_hz(self) -> tuple[float, ...]:
-        """The three tones, hertz: the first one (f1_hz), the one close to it (close_hz) and the one
-        far from it (far_hz)."""
-        return self.f1_hz, self.close_hz, self.far_hz
-
-    @model_validator(mode="after")
-    def _apart(self) -> PriorConfig:
-        if not 0 < abs(self.f1_hz - self.close_hz) < abs(self.f1_hz - self.far_hz) / 3:
-            raise ValueError(
-                "close_hz is too far from f1_hz to tell the periods of the phase apart; choose "
-                "|f1_hz − close_hz| below a third of |f1_hz − far_hz|"
-            )
-        return self
-
-
 def check_ladder(tones_hz: tuple[float, ...], phase_noise_rad: float) -> None:
     """Raise ValueError for a ladder of tones that cannot work: its tones are not in order of
     distance from the first two, or a step between successive tones is so large that the depth is
@@ -319,4 +273,4 @@ def reach_hz(tones_hz: Iterable[float]) -> float:
     return max(abs(last - tone) for tone in others[:2])
 
 
-AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig | PriorConfig
+AnyConfig = TwoToneConfig | ThreeToneConfig | LadderConfig | JointConfig

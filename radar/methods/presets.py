@@ -1,5 +1,4 @@
-"""The built-in methods, registered by id: the paper's four, improved variants of them, and depths
-of other sensors.
+"""The built-in methods, registered by id: the paper's four and improved variants of them.
 
 Most are one of a few functions with different default parameters. The code of a method is imported
 when it runs, so that listing the methods is fast.
@@ -19,8 +18,6 @@ from handbench.radar.methods.fsk_config import (
     AnyConfig,
     JointConfig,
     LadderConfig,
-    PixelsConfig,
-    PriorConfig,
     ThreeToneConfig,
     TrackedConfig,
     TwoToneConfig,
@@ -35,8 +32,6 @@ from handbench.radar.methods.registry import PAPER, Reconstruction, register
 from handbench.support.config import Config
 
 OURS = f"docs/methods.md, after {PAPER}"
-OTHERS = "docs/maroon.md, Wirth et al. 2024 (arXiv 2411.00527)"
-PRIOR = "docs/methods.md, after arXiv 2511.01405 (multimodal 2-FSK)"
 # All improvements. The second refinement corrects the errors of the first one, which is out of
 # focus.
 PLUS: dict[str, Any] = {
@@ -58,12 +53,6 @@ def _mip(capture: RadarCapture, config: ProjectionConfig, frame: int, id: str) -
 
     depth = project(capture, config, id, frame)
     return Reconstruction(depth, lambda: volume(capture, config, frame), config.grid().z_m)
-
-
-def _sensor(capture: RadarCapture, config: PixelsConfig, frame: int, id: str) -> Reconstruction:
-    from handbench.radar.methods.optical_prior import other_sensor
-
-    return Reconstruction(other_sensor(capture, config, id, frame))
 
 
 def _preset(
@@ -188,26 +177,3 @@ def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruc
     from handbench.radar.methods.alignment import joint
 
     return Reconstruction(joint(capture, config, frame))
-
-
-@register(
-    "prior-2fsk",
-    PriorConfig,
-    "two tones far apart, about another sensor's depth of each pixel",
-    PRIOR,
-)
-def _prior(capture: RadarCapture, config: PriorConfig, frame: int) -> Reconstruction:
-    from handbench.radar.methods.optical_prior import prior_two_tone
-
-    return Reconstruction(prior_two_tone(capture, config, frame))
-
-
-_preset(
-    _sensor,
-    "kinect",
-    PixelsConfig,
-    "another sensor of the capture, if it holds one: Azure Kinect, time of flight",
-    OTHERS,
-)
-_preset(_sensor, "realsense", PixelsConfig, "the same: RealSense D435i, active stereo", OTHERS)
-_preset(_sensor, "zed", PixelsConfig, "the same: ZED X Mini, passive stereo", OTHERS)

@@ -77,7 +77,7 @@ def test_settings_within_tables_and_options_have_three_forms():
     ("name", "known", "nearest"),
     [
         ("FSK3", ["2fsk", "3fsk", "broadband"], "3fsk"),
-        ("three-tone", ["2fsk", "3fsk", "realsense"], "3fsk"),
+        ("three-tone", ["2fsk", "3fsk", "broadband"], "3fsk"),
         ("SETTLED 2-FSK", ["2fsk", "2fsk-settled", "3fsk-settled"], "2fsk-settled"),
         ("Backprojection", ["2fsk", "broadband"], "broadband"),
         ("aluminium", ["metal", "skin"], "metal"),

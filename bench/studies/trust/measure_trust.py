@@ -41,7 +41,7 @@ from handbench.support.files import write_json, write_text
 from handbench.support.progress import track
 
 Record = dict[str, Any]
-FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint", "prior-2fsk")
+FSK = ("2fsk", "3fsk", "3fsk-plus", "nfsk", "nfsk-plus", "joint")
 VOLUMES = ("broadband", "broadband-aligned", "narrowband")
 VOLUMES_EVERY = 5  # scenes of points, volumes are formed of one alone: they take longest
 SILENT = 0.01  # p_gross below which nobody doubts a depth
@@ -238,7 +238,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     count = "random scenes of points; one hand to 10, one assorted scene to 30 (default 240)"
     parser.add_argument("--scenes", type=int, default=240, help=count)
-    ids = "ids, separated by commas (default: twelve that differ)"
+    ids = "ids, separated by commas (default: nine that differ)"
     parser.add_argument("--methods", default=",".join(FSK + VOLUMES), help=ids)
     folders = "folders with truth.ply, imaged at the methods' defaults"
     parser.add_argument("--captures", nargs="*", type=Path, default=[], help=folders)

@@ -147,8 +147,7 @@ class Known:
             known["z"] = dict(zip(("start_m", "stop_m"), ends_m, strict=True)) | {"step_m": 0.002}
             return known | ({"count": SWEPT} if "broad" in method else {})
         tones: dict[str, dict[str, Any]] = {  # of all captures
-            "joint": {"tones_hz": LadderConfig().tones_hz},
-            "prior-2fsk": {"far_hz": 79.5e9},
+            "joint": {"tones_hz": LadderConfig().tones_hz}
         }
         return known | {"first_depth_m": self.first_depth_m} | tones.get(method, {})
 

@@ -33,12 +33,12 @@ def patch_m() -> np.ndarray:
     return np.stack([x, y, plane_m(x)], axis=1)
 
 
-def echoes(frames: int = 2) -> RadarCapture:
+def echoes(frames: int = 2, tones_hz: np.ndarray = TONES_HZ) -> RadarCapture:
     """Its echoes, with noise of its own in each frame."""
-    samples = simulate(Scatterers(patch_m(), np.ones(25)), TONES_HZ, qar50())
+    samples = simulate(Scatterers(patch_m(), np.ones(25)), tones_hz, qar50())
     noise = np.random.default_rng(1).standard_normal((frames, *samples.shape, 2))
     noise = 0.1 * np.abs(samples).mean() * noise.view(complex)[..., 0]
-    return RadarCapture((samples + noise).astype(np.complex64), TONES_HZ, qar50())
+    return RadarCapture((samples + noise).astype(np.complex64), tones_hz, qar50())
 
 
 def write_native(folder: Path, capture: RadarCapture) -> Path:

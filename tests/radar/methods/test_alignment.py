@@ -108,7 +108,6 @@ def test_pixels_behind_an_outline_are_marked():
     [
         ("broadband-aligned", {"count": 2}, "alignment needs 3 or more tones"),
         ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three or more tones, all different"),
-        ("prior-2fsk", {"close_hz": 79e9}, "close_hz is too far from f1_hz"),
     ],
 )
 def test_tones_that_cannot_be_aligned_are_refused(id, values, words):
