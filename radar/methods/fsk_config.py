@@ -150,20 +150,6 @@ class ThreeToneConfig(TwoToneConfig, RefinedConfig):
     f3_hz: Tone = Field(default=79.5e9, description="third tone, far from the other two")
 
 
-class TrackedConfig(ThreeToneConfig):
-    """Parameters of 3-FSK with velocities that follows each pixel over the frames."""
-
-    doppler: bool = Field(
-        default=True, description="a tone measured twice gives velocities; their phase is removed"
-    )
-    acceleration_m_s2: float = Field(
-        default=1.0,
-        gt=0,
-        le=1000,
-        description="of the hand along the line of sight, rms; the smaller, the smoother",
-    )
-
-
 class LadderConfig(RefinedConfig):
     """Parameters of FSK with a ladder of three or more tones: the first two, close together, find
     the depth roughly, and each further tone, further away from them, refines it."""

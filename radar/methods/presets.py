@@ -19,7 +19,6 @@ from handbench.radar.methods.fsk_config import (
     JointConfig,
     LadderConfig,
     ThreeToneConfig,
-    TrackedConfig,
     TwoToneConfig,
 )
 from handbench.radar.methods.projection_config import (
@@ -140,20 +139,6 @@ for _id, _config, _of in (
         f"{_of} of a moving target, whose velocity a tone measured twice gives",
         doppler=True,
     )
-
-
-@register(
-    "3fsk-doppler-tracked",
-    TrackedConfig,
-    "3fsk-doppler with a Kalman filter per pixel over all frames so far",
-    "radar/methods/tracking.py, after Bar-Shalom et al. 2001",
-    base="3fsk",
-)
-def _tracked(capture: RadarCapture, config: TrackedConfig, frame: int) -> Reconstruction:
-    from handbench.radar.methods.tracking import tracked
-
-    return Reconstruction(replace(tracked(capture, config, frame), method="3fsk-doppler-tracked"))
-
 
 _preset(_fsk, "nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
 _preset(
