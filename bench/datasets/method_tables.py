@@ -10,7 +10,6 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.advice import matching_settings, require_tones
 from handbench.radar.methods.evidence import POINT_WAVELENGTHS, live_extents_m, shortest_m
 from handbench.radar.methods.first_depth import ENOUGH, first_depth_m
-from handbench.radar.methods.fsk_config import TwoToneConfig
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 
@@ -35,10 +34,11 @@ def method_tables(capture: RadarCapture) -> dict[str, dict[str, Any]]:
     step_hz = float(np.median(-np.diff(tones_hz)))
     row = _row(capture)
     every = max(1, min(int(PAIR_HZ / step_hz), (len(tones_hz) - 1) // 2))
+    begun = {"first_depth_m": "auto"} if len(tones_hz) >= ENOUGH else {}
     tables: dict[str, dict[str, Any]] = {}
     for name, used_hz in (("2fsk", tones_hz[::every]), ("3fsk", tones_hz[::every])):
         known = method(name).config.model_fields
-        tables[name] = matching_settings(used_hz, known) | {"first_depth_m": "auto"} | row
+        tables[name] = matching_settings(used_hz, known) | begun | row
     known = method("broadband").config.model_fields
     tables["broadband"] = (
         matching_settings(tones_hz, known) | _box(capture, tones_hz, step_hz) | row
@@ -49,9 +49,7 @@ def method_tables(capture: RadarCapture) -> dict[str, dict[str, Any]]:
 def _box(capture: RadarCapture, tones_hz: np.ndarray, step_hz: float) -> dict[str, Any]:
     """Choose the axis z of a volume around the strongest target; none if the tones are too few to
     find it, or nothing stands out."""
-    if len(tones_hz) < ENOUGH:
-        return {}
-    far_m = first_depth_m(capture, TwoToneConfig())
+    far_m = first_depth_m(capture)
     if far_m is None:
         return {}
     half_m = min(HALF_BOX_M, SPEED_OF_LIGHT_M_S / 4 / step_hz)

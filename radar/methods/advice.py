@@ -111,7 +111,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             f"the two closest tones determine depths only within {period_mm / 2:.0f} mm of "
             f"first_depth_m = {config.first_depth_m:g}"
         )
-        found_m = first_depth_m(capture, config, frame)
+        found_m = first_depth_m(capture, frame)
         near_m = float(np.median(depth.z_m[seen]))
         if found_m is not None and abs(found_m - near_m) > 0.5e-3 * period_mm:
             way = "behind" if found_m > near_m else "in front of"

@@ -1,8 +1,5 @@
-"""The depth at which FSK methods begin, from the echoes themselves: `first_depth_m = "auto"`.
-
-With enough tones it is the strongest peak of the range profile. With fewer, two close tones leave
-depths that are c/2Δf apart, and the plane whose image is sharpest is taken.
-"""
+"""The depth at which FSK methods begin, from the echoes themselves: `first_depth_m = "auto"` is the
+strongest peak of the range profile."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from handbench.radar.data.arrays import (
     range_period_m,
 )
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
-from handbench.radar.methods.fsk_config import FskConfig, TwoToneConfig
+from handbench.radar.methods.fsk_config import FskConfig
 from handbench.support.errors import HandbenchError
 
 ENOUGH = 8  # tones from which a range profile tells depths apart
@@ -25,22 +22,24 @@ PROFILED = 256  # channels, evenly chosen, whose profiles are summed
 NEAREST_M, FARTHEST_M = 0.05, 10.0  # depths that are considered
 LENGTHS = 500  # of paths whose waves are held at once
 STANDS_OUT = 6.0  # standard deviations of a profile of noise that a peak exceeds
-LEAST_COHERENCE = 0.5  # of the images of a target at two close tones; noise has less
-STRONGEST = 200  # pixels that show the coherence
-BEGUN_M = 0.45  # depth of the plane by which the others are found, or nearer
-MOST_PLANES = 40  # that are compared
 AS_HIGH = 0.8  # of peaks of the profile that differ by less, 1 dB, the nearest one is taken
-AS_SHARP = 0.99  # of two planes with peaks that differ by less, the nearer one is taken
 
 Fsk = TypeVar("Fsk", bound=FskConfig)
 
 
 def with_first_depth(capture: RadarCapture, config: Fsk, frame: int = 0) -> Fsk:
     """Return a configuration whose first_depth_m is a number: where it is "auto", the depth of the
-    strongest target in a frame. Raises HandbenchError if no echo stands out there."""
+    strongest target in a frame. Raises HandbenchError if the tones are too few for a range profile,
+    or no echo stands out in it."""
     if isinstance(config.first_depth_m, float):
         return config
-    found_m = first_depth_m(capture, config, frame)
+    count = len(np.unique(capture.frequencies_hz))
+    if count < ENOUGH:
+        raise HandbenchError(
+            f"first_depth_m: is 'auto', but the capture has {count} tones, and a range profile "
+            f"needs {ENOUGH}; give the target's distance in metres"
+        )
+    found_m = first_depth_m(capture, frame)
     if found_m is None:
         raise HandbenchError(
             f"first_depth_m: is 'auto', but in frame {frame} no echo stands out from the noise; "
@@ -49,22 +48,17 @@ def with_first_depth(capture: RadarCapture, config: Fsk, frame: int = 0) -> Fsk:
     return config.model_copy(update={"first_depth_m": found_m})
 
 
-def first_depth_m(capture: RadarCapture, config: FskConfig, frame: int = 0) -> float | None:
-    """Find the depth of the strongest target in a frame, metres; None if no echo stands out from
-    the noise. config: gives the pixels of the images that are compared, where tones are few."""
+def first_depth_m(capture: RadarCapture, frame: int = 0) -> float | None:
+    """Find the depth of the strongest target in a frame, metres; None for fewer than ENOUGH tones,
+    or if no echo stands out from the noise.
+
+    It is the depth of the highest peak of the echoes' power over depth, or of the nearest that is
+    nearly as high: a few tones beside an even sweep hardly tell its periods apart. An echo's path
+    is taken to lead over the point straight before the middle of its two antennas.
+    """
     tones_hz = np.unique(capture.frequencies_hz)
-    if len(tones_hz) < 2 or not capture.samples[frame].any():
+    if len(tones_hz) < ENOUGH or not capture.samples[frame].any():
         return None
-    found = _by_range_profile if len(tones_hz) >= ENOUGH else _by_sharpness
-    return found(capture, config, frame, tones_hz)
-
-
-def _by_range_profile(
-    capture: RadarCapture, config: FskConfig, frame: int, tones_hz: np.ndarray
-) -> float | None:
-    """Depth of the highest peak of the echoes' power over depth, or of the nearest that is nearly
-    as high: a few tones beside an even sweep hardly tell its periods apart. An echo's path is taken
-    to lead over the point straight before the middle of its two antennas."""
     samples, waves_hz = capture.tones(tones_hz, frame)
     index = np.flatnonzero(samples.any(axis=0).ravel())
     index = index[even_subset(len(index), PROFILED)]
@@ -100,36 +94,3 @@ def _power(
     after, below = np.modf((paths_m - first_m) / step_m)
     low, high = (np.take_along_axis(at_lengths, below.astype(int) + i, axis=0) for i in (0, 1))
     return low + after * (high - low)
-
-
-def _by_sharpness(
-    capture: RadarCapture, config: FskConfig, frame: int, tones_hz: np.ndarray
-) -> float | None:
-    """Depth of the sharpest of the planes that the two closest tones cannot tell apart."""
-    from handbench.radar.methods.fsk import FskStep, Tones, depth_step_m
-
-    first = int(np.diff(tones_hz).argmin())
-    samples, waves_hz = capture.tones(tones_hz[first : first + 2], frame)
-    two = TwoToneConfig(x=config.x, y=config.y, tolerance=config.tolerance)
-    pair, grid = Tones(scaled_to_one(samples), waves_hz, capture.aperture, two), config.grid()
-
-    def strongest(plane: FskStep, count: int) -> np.ndarray:
-        return plane.images[:, np.argsort(plane.amplitude.ravel())[-count:]]
-
-    def coherence(plane: FskStep) -> float:
-        a, b = strongest(plane, STRONGEST)
-        return float(np.abs(np.vdot(a, b)) / (np.linalg.norm(a) * np.linalg.norm(b)))
-
-    def corrected_m(plane: FskStep) -> float:
-        a, b = strongest(plane, 1)
-        return float(plane.formed_m + depth_step_m(b, a, waves_hz[1] - waves_hz[0])[0])
-
-    period_m = range_period_m(waves_hz)
-    begun_m = corrected_m(pair.plane(grid, min(period_m / 2, BEGUN_M)))
-    depths_m = begun_m + period_m * np.arange(
-        np.ceil((NEAREST_M - begun_m) / period_m), MOST_PLANES
-    )
-    planes = [pair.plane(grid, depth_m) for depth_m in depths_m if depth_m < FARTHEST_M]
-    peaks = np.array([plane.amplitude.max() for plane in planes])
-    sharpest = planes[np.flatnonzero(peaks >= AS_SHARP * peaks.max())[0]]
-    return corrected_m(sharpest) if coherence(sharpest) > LEAST_COHERENCE else None
