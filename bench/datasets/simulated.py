@@ -27,7 +27,6 @@ from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.simulation.effects.dielectric import unsimulated_echo
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.warmup import announce
 from handbench.support.files import atomic_folder, atomic_path, write_text
@@ -56,8 +55,6 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)
-        if without := unsimulated_echo(radar_scene):
-            say(f"{scene.file.name}: {without}")
         simulated = echoes(scene, frames, radar_scene)
         save_capture(temporary / ECHOES, simulated.capture)
         if simulated.empty is not None:

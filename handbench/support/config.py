@@ -36,7 +36,6 @@ MEANINGS = {  # word of a name: other words for it
     "mesh": "object ply obj stl",
     "metal": "steel aluminium aluminum copper conductor",
     "skin": "flesh tissue",
-    "foam": "styrofoam polystyrene",
     "plastic": "pla abs",
 }
 SYNONYMS = {other: word for word, others in MEANINGS.items() for other in others.split()}

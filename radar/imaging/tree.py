@@ -109,15 +109,15 @@ class Family(NamedTuple):
     """Settings that all boxes of a tree share.
 
     tolerance: relative L2 error; apart: keep all tones, for one image per tone; whole: keep all
-    antennas. The others are for simulation: delay_m: largest extra path of echoes, metres; pattern:
-    None if echoes have no gains, else the exponent q of the antennas' pattern cosᵠθ, with which
-    waves have the gains 1/R and cosᵠθ; beside: sine of the largest angle between a diffracted wave
-    and the straight ray.
+    antennas. The others are for simulation: detour_m: largest extra path of diffracted echoes,
+    metres; pattern: None if echoes have no gains, else the exponent q of the antennas' pattern
+    cosᵠθ, with which waves have the gains 1/R and cosᵠθ; beside: sine of the largest angle between
+    a diffracted wave and the straight ray.
     """
 
     tolerance: float
     apart: bool
-    delay_m: float = 0.0
+    detour_m: float = 0.0
     whole: bool = False
     pattern: float | None = None
     beside: float = 0.0
@@ -216,7 +216,7 @@ def _tones(
         np.abs(leg.passes * _distances(leg.position_m, box.corners_m) - length[:, None]).max()
         for leg, length in zip(parent.legs, lengths, strict=True)
     )
-    reach_m += family.delay_m
+    reach_m += family.detour_m
     wavenumber = 2 * np.pi * parent.turns_per_m[:, None]
     reduce = partial(skeleton, band_kernel(wavenumber, wavenumber, np.array([reach_m])))
     return _reduced(reduce, box, parent.turns_per_m, family.tolerance)

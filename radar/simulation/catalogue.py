@@ -16,7 +16,7 @@ from handbench.radar.simulation.movement import moves
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
-OPAQUE, SOLID = "a target with an opaque surface", "a target with a surface"
+SURFACE = "a target with a surface"
 
 
 @dataclass(frozen=True)
@@ -45,10 +45,6 @@ def _has_surface(scene: EchoScene) -> bool:
     return scene.target is not None
 
 
-def _opaque(scene: EchoScene) -> bool:
-    return scene.opaque
-
-
 def _rough(scene: EchoScene) -> bool:
     return scene.target is not None and scene.causes.roughness.sigma_m > 0
 
@@ -71,10 +67,10 @@ EFFECTS: tuple[Effect, ...] = (
         lambda scene: scene.causes.pattern.beamwidth_deg is not None,
         sensor.pattern,
     ),
-    Effect("obliquity", SOLID, _has_surface, target_surface.obliquity),
-    Effect("shadow_centre", OPAQUE, _opaque, target_surface.shadow_centre),
-    Effect("shadow_antennas", OPAQUE, _opaque, target_surface.shadow_antennas),
-    Effect("shadow_diffraction", OPAQUE, _opaque, target_surface.shadow_diffraction),
+    Effect("obliquity", SURFACE, _has_surface, target_surface.obliquity),
+    Effect("shadow_centre", SURFACE, _has_surface, target_surface.shadow_centre),
+    Effect("shadow_antennas", SURFACE, _has_surface, target_surface.shadow_antennas),
+    Effect("shadow_diffraction", SURFACE, _has_surface, target_surface.shadow_diffraction),
     Effect(
         "skin",
         "a target of skin",
@@ -83,7 +79,7 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         "dielectric",
-        "a target of foam or plastic, or balls in foam",
+        "a target of plastic, or balls in foam",
         dielectric.has_dielectric,
         dielectric.dielectric,
     ),
@@ -93,7 +89,7 @@ EFFECTS: tuple[Effect, ...] = (
         _rough,
         target_surface.roughness,
     ),
-    Effect("multipath", OPAQUE, _opaque, multipath.multipath),
+    Effect("multipath", SURFACE, _has_surface, multipath.multipath),
     Effect(
         "motion",
         "[target.motion] with an amplitude, a velocity, a rotation or a pose",

@@ -1,8 +1,8 @@
 """The forward model of echoes: scatterers → samples, the adjoint of backprojection.
 
-    S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r| + 2δ(p))/c)
+    S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r|)/c)
 
-δ is an optional one-way delay (in foam), as a length. The gains g_a(p) = √max(n·û_a, 0) / |p − a|
+The gains g_a(p) = √max(n·û_a, 0) / |p − a|
 are the spreading and obliquity between antenna a and point p with normal n: the physical-optics
 integrand of a smooth surface, whose obliquity is shared evenly between transmitter and receiver, so
 that it is separable and reciprocal (exact where both see the facet under the same angle).
@@ -35,29 +35,24 @@ class Scatterers:
     """Points that scatter waves.
 
     position_m [p, 3]; weight [p]: surface area in m² for physical optics, or any amplitude for
-    points; normal [p, 3]: unit vectors (None: the points scatter evenly in all directions); delay_m
-    [p]: extra one-way optical path (None: 0). seen: masks (bool [t, p], bool [r, p]) of the
-    transmitters and the receivers that see each point (None: all do); sight: complex factor of the
-    field between each antenna and each point behind diffracting edges (None: 1).
+    points; normal [p, 3]: unit vectors (None: the points scatter evenly in all directions). seen:
+    masks (bool [t, p], bool [r, p]) of the transmitters and the receivers that see each point
+    (None: all do); sight: complex factor of the field between each antenna and each point behind
+    diffracting edges (None: 1).
     """
 
     position_m: np.ndarray
     weight: np.ndarray
     normal: np.ndarray | None = None
-    delay_m: np.ndarray | None = None
     seen: tuple[np.ndarray, np.ndarray] | None = None
     sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> Scatterers:
         """Return the scatterers that a mask [p] or indices [n] select."""
         seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
-        normal, delay_m = (
-            None if values is None else values[chosen] for values in (self.normal, self.delay_m)
-        )
+        normal = None if self.normal is None else self.normal[chosen]
         sight = None if self.sight is None else self.sight.where(chosen)
-        return Scatterers(
-            self.position_m[chosen], self.weight[chosen], normal, delay_m, seen, sight
-        )
+        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, seen, sight)
 
 
 def simulate(
@@ -87,10 +82,7 @@ def simulate(
     if tolerance is None:
         return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    delay_m = (
-        0.0 if scatterers.delay_m is None else 2 * float(np.max(scatterers.delay_m, initial=0.0))
-    )
-    family = Family(tolerance, apart=False, delay_m=delay_m, pattern=pattern if spreading else None)
+    family = Family(tolerance, apart=False, pattern=pattern if spreading else None)
     kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
     sight = scatterers.sight
     kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)
@@ -102,7 +94,7 @@ def simulate(
             chosen = of_kind[near]
             family = family._replace(whole=whole > 0)
             if sight is not None and whole == 2:
-                family = family._replace(delay_m=delay_m + 2 * sight.detour_m)
+                family = family._replace(detour_m=2 * sight.detour_m)
                 if sight_tolerance > tolerance:
                     family = family._replace(
                         tolerance=sight_tolerance, whole=False, beside=sight.beside
@@ -149,8 +141,6 @@ def _source(
 ) -> PackedScatterers:
     """Pack scatterers into arrays for compiled code. points_m [3, p]: their positions; whole: 1 to
     apply the masks `seen`, 2 to apply the factors `sight`, 0 for neither."""
-    count = len(part.position_m)
-    delay_m = np.zeros(count) if part.delay_m is None else np.asarray(part.delay_m, np.float64)
     normal = (
         np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
     )
@@ -160,7 +150,7 @@ def _source(
     weight = np.asarray(part.weight, np.complex64)
     sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
     return PackedScatterers(
-        points_m, weight, delay_m, normal, spreading, float(pattern), seen_tx, seen_rx, sight
+        points_m, weight, normal, spreading, float(pattern), seen_tx, seen_rx, sight
     )
 
 
@@ -203,11 +193,6 @@ def _simulate_exactly(
     pattern: float,
 ) -> np.ndarray:
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    delay = (
-        np.zeros(len(position))
-        if scatterers.delay_m is None
-        else np.asarray(scatterers.delay_m, np.float64)
-    )
     antennas = [leg.position_m for leg in array.legs]
     gains = [np.ones((len(leg_m), len(position)), np.float32) for leg_m in antennas]
     if spreading:
@@ -215,9 +200,7 @@ def _simulate_exactly(
     if scatterers.seen is not None:
         gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
     gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
-    distances = [
-        np.linalg.norm(position[None] - leg_m[:, None], axis=2) + delay for leg_m in antennas
-    ]
+    distances = [np.linalg.norm(position[None] - leg_m[:, None], axis=2) for leg_m in antennas]
     legs = list(zip(distances, gains, strict=True))
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.causes import Causes
@@ -15,39 +15,22 @@ from handbench.support.config import Config
 DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
 # coarse step between tones relative to depth_step_hz, as 200 MHz to 2.5 GHz
 COARSE = 0.08
-MOST_FOAM = 1.5
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
-USUAL = {"foam": 1.03, "plastic": 2.7}  # permittivity: expanded polystyrene; printed PLA, solid
 
 
 class Material(Config):
     """The material of a body.
 
     kind: metal, a perfect mirror; skin, layered, with palm_thickness_m of horny layer on the palm,
-    and moist if `wet`; foam or plastic, a dielectric with `permittivity` (by default 1.03 and 2.7)
-    and `loss_tangent`. A body of the room may have a measured reflectivity instead (`Body`).
+    and moist if `wet`; plastic, a dielectric with `permittivity` and `loss_tangent`. A body of the
+    room may have a measured reflectivity instead (`Body`).
     """
 
-    kind: Literal["metal", "skin", "foam", "plastic"] = "metal"
-    permittivity: float | None = Field(default=None, ge=1, le=20)
+    kind: Literal["metal", "skin", "plastic"] = "metal"
+    permittivity: float = Field(default=2.7, ge=1, le=20)  # printed PLA, solid
     loss_tangent: float = Field(default=0.0, ge=0, le=10)
     palm_thickness_m: float = Field(default=140e-6, ge=0, le=2e-3)
     wet: bool = False
-
-    @model_validator(mode="after")
-    def _light_foam(self) -> "Material":
-        if self.kind == "foam" and self.real_permittivity > MOST_FOAM:
-            raise ValueError(
-                f"foam has a permittivity of at most {MOST_FOAM}, because rays pass it straight; "
-                "use kind = 'plastic' for more"
-            )
-        return self
-
-    @property
-    def real_permittivity(self) -> float:
-        """The real relative permittivity ε_r: the given one, or else the usual value of foam or
-        plastic (1 for other materials)."""
-        return self.permittivity or USUAL.get(self.kind, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +47,6 @@ class Body:
     material: Material = field(default_factory=Material)
     palm: np.ndarray | None = None
     reflectivity_db: float | None = None
-
-    @property
-    def transparent(self) -> bool:
-        """True if waves pass through the body, so that it hides nothing and casts no shadow."""
-        return self.material.kind == "foam"
 
 
 @dataclass(frozen=True)
@@ -176,11 +154,6 @@ class EchoScene:
         middles = [ball.centre_m for ball in self.balls]
         middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
         return np.mean(middles, axis=0)
-
-    @property
-    def opaque(self) -> bool:
-        """True if the scene has a target whose surface blocks and reflects waves."""
-        return self.target is not None and not self.target.transparent
 
     def cached(self, key: Hashable, make: Any) -> Any:
         """Return the value stored in this scene under `key`. The first time, it is computed by

@@ -29,11 +29,10 @@ class ScatteringSurface:
     """The facets of a body that scatter, and how they do.
 
     oblique: True for the obliquity of physical optics, False to scatter evenly in all directions;
-    layer [p]: index of the surface layer of each facet (thin skin or palm, front or back of foam);
+    layer [p]: index of the surface layer of each facet (thin skin or palm);
     reflection [layers, f]: complex echo amplitude of each layer relative to metal. seen: masks
     (bool [t, p], bool [r, p]) of the antennas that see each facet (None: all); sight: complex
-    factors of the antennas' fields behind diffracting edges (None: 1); delay_m [p]: extra one-way
-    path.
+    factors of the antennas' fields behind diffracting edges (None: 1).
     """
 
     body: Body
@@ -43,7 +42,6 @@ class ScatteringSurface:
     layer: np.ndarray | None = None
     seen: tuple[np.ndarray, np.ndarray] | None = None
     sight: Sight | None = None
-    delay_m: np.ndarray | None = None
 
     def where(self, chosen: np.ndarray) -> "ScatteringSurface":
         """Return the surface with only the facets that a mask [p] or indices select."""
@@ -51,7 +49,6 @@ class ScatteringSurface:
             self,
             facets=self.facets.where(chosen),
             layer=None if self.layer is None else self.layer[chosen],
-            delay_m=None if self.delay_m is None else self.delay_m[chosen],
             seen=None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen]),
             sight=None if self.sight is None else self.sight.where(chosen),
         )
@@ -149,9 +146,7 @@ class Echoes:
         frequencies_hz = self.scene.frequencies_hz[tones]
         facets, layer = require_facets(surface.facets), surface.layer
         normal = facets.normal if surface.oblique else None
-        every = Scatterers(
-            facets.position_m, facets.area_m2, normal, surface.delay_m, surface.seen, surface.sight
-        )
+        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.seen, surface.sight)
         layers = (
             [every]
             if layer is None

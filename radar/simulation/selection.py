@@ -59,7 +59,7 @@ def _check(wanted: tuple[str, ...], missing: dict[str, str]) -> None:
 def _unneeded(scene: EchoScene, there: list[str]) -> dict[str, str]:
     """Return those of the effects `there` that are not needed, with the reason."""
     off = {}
-    if scene.opaque and not (scene.room or scene.balls) and convex_block(scene.body):
+    if scene.target and not (scene.room or scene.balls) and convex_block(scene.body):
         off = dict.fromkeys(BETWEEN_PARTS, "the target is convex and has flat sides")
     for name in there:
         including = [other for other in _including(name) if other in there and other not in off]

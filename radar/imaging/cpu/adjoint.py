@@ -88,17 +88,16 @@ class PackedScatterers(NamedTuple):
     """Point scatterers as arrays for compiled code, sorted by the leaves (smallest boxes) of a
     plan.
 
-    point_m [3, n]; weight [n] complex64; delay_m [n]: extra one-way path; normal [3, n] of facets,
-    or [3, 0]; spreading: whether echoes have gains (1/R, obliquity, pattern); pattern: exponent q
-    of the antennas' cosᵠθ. seen_a [a, n], seen_b [b, n]: 1 where a transmitter or a receiver sees a
-    point and 0 where not, or [0, 0] if all do; such masks need a plan
-    in which no antennas were replaced by fewer equivalent ones. sight: by how much obstacles weaken
-    and turn the waves between each antenna and each point, as polynomials over frequency.
+    point_m [3, n]; weight [n] complex64; normal [3, n] of facets, or [3, 0]; spreading: whether
+    echoes have gains (1/R, obliquity, pattern); pattern: exponent q of the antennas' cosᵠθ. seen_a
+    [a, n], seen_b [b, n]: 1 where a transmitter or a receiver sees a point and 0 where not, or
+    [0, 0] if all do; such masks need a plan in which no antennas were replaced by fewer equivalent
+    ones. sight: by how much obstacles weaken and turn the waves between each antenna and each
+    point, as polynomials over frequency.
     """
 
     point_m: np.ndarray
     weight: np.ndarray
-    delay_m: np.ndarray
     normal: np.ndarray
     spreading: bool
     pattern: float
@@ -167,7 +166,7 @@ def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no
         stop = min(start + block, source.point_m.shape[1])
         n = stop - start
         points = source.point_m[:, start:stop].copy()
-        common = (passes[0] + passes[1]) * source.delay_m[start:stop]
+        common = np.zeros(n)
         delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
         differences(
             points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common
@@ -292,7 +291,7 @@ def _part(source, start, stop):  # type: ignore[no-untyped-def]
     normal = source.normal if source.normal.shape[1] == 0 else source.normal[:, here]
     seen_a = source.seen_a if source.seen_a.size == 0 else source.seen_a[:, here]
     seen_b = source.seen_b if source.seen_b.size == 0 else source.seen_b[:, here]
-    places = source.point_m[:, here], source.weight[here], source.delay_m[here], normal
+    places = source.point_m[:, here], source.weight[here], normal
     sight = source.sight
     legs = sight.table_a, sight.spread_a, sight.table_b, sight.spread_b
     part = Sight(sight.corner[:, here], sight.share[:, here], *legs, *sight[6:])

@@ -26,7 +26,7 @@ def clutter(echoes: Echoes) -> Echoes:
     room are not simulated.
     """
     scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
-    rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.opaque else [])])
+    rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.target else [])])
     added = np.zeros(echoes.samples.shape[1:], np.complex64)
     for body in scene.room:
         optics = _seen_behind(echoes, rays, body)

@@ -1,5 +1,5 @@
-"""The surface of a body as facets that are small against the wavelength, with normals, areas and
-volumes of meshes."""
+"""The surface of a body as facets that are small against the wavelength, with normals and areas of
+meshes."""
 
 from __future__ import annotations
 
@@ -74,12 +74,6 @@ def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the outward normal of each face times its area: [m, 3], m²."""
     a, b, c = (vertices_m[faces[:, i]] for i in range(3))
     return np.cross(b - a, c - a) / 2
-
-
-def volume_m3(body: Body) -> float:
-    """Return the volume of a closed body."""
-    vectors = face_vectors(body.vertices_m, body.faces)
-    return abs(float((vectors * body.vertices_m[body.faces[:, 0]]).sum())) / 3
 
 
 def convex_block(body: Body) -> bool:

@@ -107,8 +107,8 @@ def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: flo
 
 
 def dielectric_permittivity(material: Material) -> complex:
-    """Return the complex relative permittivity ε_r(1 − j·tan δ) of foam or plastic."""
-    return material.real_permittivity * (1 - 1j * material.loss_tangent)
+    """Return the complex relative permittivity ε_r(1 − j·tan δ) of plastic."""
+    return material.permittivity * (1 - 1j * material.loss_tangent)
 
 
 def fresnel(permittivity: np.ndarray) -> np.ndarray:

@@ -45,7 +45,7 @@ TARGETS = {
         **ROUGH,
     },
     "dihedral": {"kind": "dihedral", "side_m": 0.02, "edge_m": 2e-3},
-    "foam": {"kind": "sphere", "radius_m": 0.02, "edge_m": 3e-3, "material": {"kind": "foam"}},
+    "sphere": {"kind": "sphere", "radius_m": 0.02, "edge_m": 3e-3},
 }
 SENSOR = {
     "sweep": [],

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.scenes.stand import cuboid
 from handbench.radar.simulation.physics.facets import convex_block
-from handbench.radar.simulation.scene import Body, Material
+from handbench.radar.simulation.scene import Body
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.errors import HandbenchError
@@ -35,7 +35,6 @@ def on(choices):
         (bead_scene(), {"shadow_diffraction", "multipath"}),
         (bead_scene(target=CORNER), {"shadow_diffraction", "multipath"}),
         (bead_scene({"motion": {"amplitude_m": 1e-9}}, target=FLAT), {"shadow_centre", "motion"}),
-        (bead_scene(target=replace(FLAT, material=Material(kind="foam"))), {"dielectric"}),
         (bead_scene(EVERYTHING), {"shadow_diffraction", "multipath", *EVERYTHING}),
     ],
 )

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("planned")
 
 KINDS = (
     "facets", "points", "facets together", "points together", "near", "pattern", "partly seen",
-    "delayed", "oblique", "flat array",
+    "oblique", "flat array",
 )  # fmt: skip
 # The worst that a search of thousands has found: boxes once carried too few antennas for the gains
 # (up to 6.7 of the tolerance), and too few tones for points that lie together (2.1).
@@ -48,8 +48,7 @@ class Scene(NamedTuple):
                 gain *= np.sqrt(np.maximum((towards_m * self.facets.normal).sum(axis=2) / way_m, 0))
             if self.facets.seen is not None:
                 gain *= self.facets.seen[i]
-            late_m = way_m + (0.0 if self.facets.delay_m is None else self.facets.delay_m)
-            turns = self.tones_hz[:, None, None] / 299_792_458.0 * late_m
+            turns = self.tones_hz[:, None, None] / 299_792_458.0 * way_m
             legs.append(gain * np.exp(-2j * np.pi * turns))
         return np.einsum("ftp,frp,p->ftr", *legs, self.facets.weight, optimize=True)
 
@@ -62,7 +61,7 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
     tones_hz, normal = generator.uniform(70e9, 85e9, 6), generator.normal([0, 0, -1], 0.3, (60, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     weight, scale, middle_m, pattern = generator.uniform(0.5, 1, 60), 1.0, 0.25, 0.0
-    seen = delay_m = None
+    seen = None
     if "together" in kind:
         scale, middle_m = generator.uniform(1e-3, 0.04), generator.uniform(0.2, 0.3)
     elif kind == "near":  # from 5 to 10 cm before the array's foremost antenna
@@ -71,8 +70,6 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
         pattern = generator.uniform(0.5, 4)
     elif kind == "partly seen":
         seen = tuple(generator.random((n, 60)) < 0.8 for n in (9, 8))
-    elif kind == "delayed":
-        delay_m = generator.uniform(0, 0.01, 60)
     elif kind == "oblique":  # all turned by the same angle, far from the array
         tilt = generator.uniform(0.8, 1.5)
         normal = np.tile([np.sin(tilt), 0, -np.cos(tilt)], (60, 1))
@@ -88,7 +85,7 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
     points_m = (points_m - [0, 0, 0.25]) * scale + [0, 0, middle_m]
     antennas_m, points_m = (places_m @ turn.T + shift_m for places_m in (antennas_m, points_m))
     normal = None if "points" in kind else normal @ turn.T
-    facets = Scatterers(points_m, weight, normal, delay_m, seen)
+    facets = Scatterers(points_m, weight, normal, seen)
     return Scene(facets, tones_hz, AntennaArray(antennas_m[:9], antennas_m[9:]), pattern)
 
 
