@@ -1,28 +1,23 @@
 """`handbench reconstruct`: image one capture by one method."""
 
 import argparse
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 # The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.image import ImagingTask, configuration, prepare
+from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.validation.checks import echo_warnings, on_target
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.advice import notes
-from handbench.radar.methods.registry import Reconstruction, method
+from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz
 from handbench.support.progress import say
 
-if TYPE_CHECKING:
-    from handbench.radar.imaging.certificate import Certificate
-
 EXACT = 1e-5  # what the exact sum is good to, in single precision
-FINER = 10.0  # times, when a certificate does not keep the tolerance
 
 
 def run(options: argparse.Namespace) -> None:
@@ -51,13 +46,14 @@ def run(options: argparse.Namespace) -> None:
             "broadband or narrowband, or leave these options out"
         )
     from handbench.bench.validation.capture_warnings import warnings_of_image
+    from handbench.radar.imaging.certificate import certified
     from handbench.radar.imaging.device import describe
     from handbench.radar.warmup import announce
 
     announce()
-    asked = getattr(settings, "tolerance", None)
-    result, task, certificate = _imaged(task, options)
-    depth, settings = task.with_uncertainty(result.depth, options.frame), task.settings
+    with certified() as certificate:
+        result = task.image(options.frame)
+    depth = task.with_uncertainty(result.depth, options.frame)
     depth.save(options.out)
     for warning in warnings_of_image(depth, echoes):
         say(f"{options.out}: {warning}")
@@ -68,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
                 options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m
             )
         if options.check:
-            _check(volume, echoes, settings, asked or EXACT, options)
+            _check(volume, echoes, settings, options)
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
     bound = (
@@ -79,50 +75,13 @@ def run(options: argparse.Namespace) -> None:
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}{bound}")
 
 
-def _imaged(
-    task: ImagingTask, options: argparse.Namespace
-) -> "tuple[Reconstruction, ImagingTask, Certificate]":
-    """Image the capture, and repeat this with higher accuracy until the images keep the tolerance.
-    Returns the method's result, the task with the settings used last, and the certificate, an upper
-    bound of the images' relative error. While this bound is above the tolerance that the user set,
-    the capture is imaged again with a tenth of the tolerance, and at last with the exact sum. With
-    --relative-to samples it is imaged only once."""
-    from handbench.radar.imaging.api import TOLERANCES
-    from handbench.radar.imaging.certificate import certified
-
-    asked = getattr(task.settings, "tolerance", None)
-    while True:
-        with certified() as certificate:
-            result = task.image(options.frame)
-        now = getattr(task.settings, "tolerance", None)
-        if options.relative_to == "samples" or asked is None or certificate.bound <= asked:
-            return result, task, certificate
-        if now is None:
-            say(
-                "the exact sum, in single precision, has a relative error of up to "
-                f"{certificate.bound:.1e}, more than the {asked:g} that you asked for"
-            )
-            return result, task, certificate
-        finer = now / FINER if now / FINER >= TOLERANCES[0] else None
-        anew = "exactly" if finer is None else f"to {finer:g}"
-        say(
-            f"the images' relative error may be {certificate.bound:.1e}, more than you asked for; "
-            f"computing them again {anew}"
-        )
-        task = replace(task, settings=task.settings.model_copy(update={"tolerance": finer}))
-
-
 def _check(
-    volume: np.ndarray,
-    echoes: RadarCapture,
-    settings: Any,
-    most: float,
-    options: argparse.Namespace,
+    volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace
 ) -> None:
     """Compare a volume [nz, ny, nx] with the exact sum over all samples at random voxels, and print
     the relative error.
-    settings: configuration of the method, with tones and grid; most: the largest allowed error.
-    Raises HandbenchError if the error is larger."""
+    settings: configuration of the method, with tones and grid. Raises HandbenchError if the error
+    is larger than its tolerance."""
     from handbench.radar.imaging.certificate import imaging_error
 
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
@@ -133,7 +92,7 @@ def _check(
         f"checked at {options.check} random voxels against the exact sum: relative error "
         f"{error:.1e}"
     )
-    if error > most:
+    if error > (most := settings.tolerance or EXACT):
         raise HandbenchError(
             f"--check: the volume's relative error is {error:.1e}, but expected at most {most:g}; "
             "use --exact, and please report this capture to the authors"
