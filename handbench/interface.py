@@ -177,7 +177,6 @@ def stream(
 
     from handbench.bench.pipeline.image import prepare
     from handbench.radar.data.capture import RadarCapture, as_complex64
-    from handbench.radar.imaging.api import always_planned
     from handbench.radar.methods import registry
     from handbench.radar.methods.advice import requested_tones_hz
     from handbench.radar.warmup import compile_kernels
@@ -200,8 +199,7 @@ def stream(
         if not begun:  # what does not change from frame to frame is checked once
             prepare(echoes, chosen, config)
             begun = True
-        with always_planned():
-            return Depth(chosen.run(echoes, config, 0).depth)
+        return Depth(chosen.run(echoes, config, 0).depth)
 
     return image
 

@@ -41,8 +41,6 @@ class Setting:
     ratio: float | None = None
     acquisition_s: float | None = None
     plan_s: float | None = None
-    imaging_s: float | None = None
-    extraction_s: float | None = None
     operations: float | None = None
     peak_memory_mb: float | None = None
     on_front: bool = False

@@ -10,9 +10,8 @@ at a point sums samples times phases over tones and channels (C = transmitters Ã
                             above the threshold
 
 The steps after the images (phases, filters, projection) do not sum over channels, take thousands of
-times fewer operations, and are not counted. `radar.imaging.api.count_imaging` counts the operations
-for a frame, with the number of passes and points that its echoes require. Fast imaging computes the
-same images with fewer operations, which are not counted. Ratios of times are measured in three
+times fewer operations, and are not counted. Fast imaging computes the same images with fewer
+operations, which are not counted either. Ratios of times are measured in three
 ways: exact sums for both methods (for the volume, a few planes, scaled), fast imaging for both, and
 the exact volume against fast 3-FSK.
 """
@@ -50,15 +49,16 @@ from handbench.bench.tradeoff.settings import (
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
-from handbench.radar.imaging.api import count_imaging, image_volume
+from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.advice import requested_tones_hz
+from handbench.radar.methods.fsk_config import AnyConfig, JointConfig, ThreeToneConfig
+from handbench.radar.methods.projection_config import BroadbandConfig, ProjectionConfig
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
+from handbench.support.config import Config
 
 PAPER = 1000.0
-PASSES = 2  # of z_e in the paper
 FSK, VOLUME = "3fsk", "broadband"
 TEXT = "3-FSK takes about a thousandth of broadband backprojection"
 
@@ -128,9 +128,9 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
     """Image a capture's first frame twice by a setting: (depth map, times and other numbers by
     name). The first image includes the preparation (plan) of fast imaging.
 
-    seconds: time of the second image; imaging_s: the part of it spent on sums of samples; plan_s:
-    extra time of the first image; memory_mb: by how much the first image raised the resident
-    memory; terms, tones: numbers of products and of tones in the sums.
+    seconds: time of the second image; plan_s: extra time of the first image; memory_mb: by how much
+    the first image raised the resident memory; terms, tones: numbers of products and of tones in
+    the sums.
     """
     config = configuration(capture.folder, setting.method, setting.config)
     echoes = open_capture(capture.folder).echoes(1)
@@ -142,15 +142,14 @@ def _frame(capture: RunCapture, setting: ImagingSetting) -> tuple[DepthMap, dict
         ctypes.CDLL(None).malloc_trim(0)
     with added_memory() as cost:
         _, first_s = timed(task.image)
-    with count_imaging() as laps:
-        result, seconds = timed(task.image)
+    result, seconds = timed(task.image)
+    channels, tones = prod(task.echoes.aperture.channels), requested_tones_hz(config)
     return result.depth, {
         "seconds": seconds,
         "plan_s": max(first_s - seconds, 0.0),
         "memory_mb": cost.peak_memory_mb,
-        "imaging_s": laps.imaging_s,
-        "terms": laps.terms,
-        "tones": laps.tones,
+        "terms": images(config, np.isfinite(result.depth.z_m)) * channels,
+        "tones": 0 if tones is None else len(tones),
     }
 
 
@@ -165,14 +164,9 @@ def _line(
     """
     used = frames[frames.capture.isin(names)]
     rounds = used.groupby("round")
-    part = rounds[["seconds", "imaging_s", "terms", "tones"]].median()
-    captures, seconds, tones = (
-        used.drop_duplicates("capture"),
-        float(part.seconds.median()),
-        int(part.tones.max()),
-    )
+    part = rounds[["seconds", "terms", "tones"]].median()
+    captures, tones = used.drop_duplicates("capture"), int(part.tones.max())
     figures = mean_figures(captures[list(pool([]))].astype(float))
-    imaging_s = min(float(part.imaging_s.median()), seconds)
     knobs = {
         "method": setting.method,
         **setting.varied,
@@ -191,8 +185,6 @@ def _line(
         seconds_high=float(part.seconds.max()),
         acquisition_s=tones * step_s if tones else None,
         plan_s=float(rounds.plan_s.max().median()),
-        imaging_s=imaging_s,
-        extraction_s=seconds - imaging_s,
         operations=float(part.terms.median()) or None,
         peak_memory_mb=float(frames.memory_mb.max()),
         seen_percent=figures["observed_percent"],
@@ -278,7 +270,22 @@ def _most_accurate(settings: Sequence[ImagingSetting], id: str) -> ImagingSettin
 
 def counted_factor(volume: BroadbandConfig, fsk: ThreeToneConfig) -> float:
     """Return how many times as many operations the exact sum of a volume needs as the paper's
-    3-FSK. For 3-FSK, every pixel is above the threshold: 2 passes of 2 tones, then 3 tones for each
-    refinement."""
-    images = 2 * PASSES + 3 * fsk.fine_refinements
-    return len(volume.tones_hz()) * prod(volume.grid().shape) / (images * prod(fsk.grid().shape))
+    3-FSK, for which every pixel is above the threshold."""
+    every = np.ones(fsk.grid().shape, bool)
+    return images(volume, every) / images(fsk, every)
+
+
+def images(config: Config, on_target: np.ndarray) -> int:
+    """Return how many images at one point and tone the formulas of a method need, with all the
+    passes that its configuration allows; 0 if it has none.
+
+    on_target: mask [ny, nx] of the pixels above the threshold, at which further tones refine
+    depths.
+    """
+    if isinstance(config, ProjectionConfig):
+        return len(config.tones_hz()) * prod(config.grid().shape)
+    if not isinstance(config, AnyConfig):
+        return 0
+    tones, refinements = len(config.ladder_hz), getattr(config, "fine_refinements", 0)
+    each = tones if isinstance(config, JointConfig) else sum(range(3, tones + 1))
+    return 2 * (1 + config.corrections) * on_target.size + refinements * each * int(on_target.sum())

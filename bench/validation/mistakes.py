@@ -19,7 +19,7 @@ from handbench.bench.validation.checks import places_m, warnings_of
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.data.capture import RadarCapture, even_subset
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.support.errors import HandbenchError
@@ -59,7 +59,8 @@ def sharpness_db(capture: RadarCapture) -> float:
 
     few = _reduced(capture)
     # a plan takes longer
-    volume = image_volume(few.samples[0], few.frequencies_hz, few.aperture, _box(few), None)
+    samples = scaled_to_one(few.samples[0])
+    volume = image_volume(samples, few.frequencies_hz, few.aperture, _box(few), None)
     power = np.abs(volume).astype(np.float64) ** 2
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
 

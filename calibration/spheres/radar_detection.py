@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter
 
 from handbench.calibration.spheres.description import Candidate, Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.cpu.exact import exact_images, path_lengths
@@ -141,9 +141,8 @@ def coarse_peaks(
     grid = VoxelGrid(search.x.values_m(), search.y.values_m(), search.z.values_m())
     # enough for seeds; `separate_echoes` rejects false ones
     half = AntennaArray(array.tx_m[::2], array.rx_m[::2])
-    magnitude = np.abs(
-        image_volume(samples[:, ::2, ::2], frequencies_hz, half, grid, tolerance=1e-2)
-    )
+    some = scaled_to_one(samples[:, ::2, ::2])
+    magnitude = np.abs(image_volume(some, frequencies_hz, half, grid, tolerance=1e-2))
     loud = magnitude > max(search.threshold * magnitude.max(), 1e-30)
     return grid.points_m()[loud & (magnitude == maximum_filter(magnitude, size=3))]
 

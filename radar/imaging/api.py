@@ -9,19 +9,13 @@ geometry only, the plan (`radar.imaging.plan`), is the same on all devices; comp
 on the processor (`radar.imaging.cpu`), array code elsewhere (`radar.imaging.gpu`).
 """
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass
-from functools import wraps
+from collections.abc import Callable
 from math import prod
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from handbench.radar.data.arrays import Aperture, positions, tones
-from handbench.radar.data.capture import largest_part, scaled_to_one
+from handbench.radar.data.arrays import Aperture, positions
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
@@ -44,124 +38,12 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
 TOLERANCES = (1e-6, 0.1)  # below, float32 is too coarse; above, the bounds no longer hold
+SIZES = (1e-20, 1e20)  # of the largest sample, whose products and sums float32 surely holds
 CHUNK = 1 << 18  # voxels that the exact path images at once
 
 Made = TypeVar("Made")
-Image = TypeVar("Image", bound=Callable[..., object])
 
 
-@dataclass
-class ImagingLoad:
-    """Time and work of all images made in a `count_imaging` block.
-
-    imaging_s: seconds spent on the images; terms: number of complex products that exact sums would
-    need, one per point, tone and channel (a channel is a pair of antennas, or a position of a
-    scan); tones: largest number of tones in one image.
-    """
-
-    imaging_s: float = 0.0
-    terms: int = 0
-    tones: int = 0
-
-
-_laps: ContextVar[ImagingLoad | None] = ContextVar("laps", default=None)
-_planned: ContextVar[bool] = ContextVar("planned", default=False)
-
-
-@contextmanager
-def count_imaging() -> Iterator[ImagingLoad]:
-    """Yield an `ImagingLoad` that grows with every image this thread makes in the `with` block.
-    Images made outside such a block are not counted."""
-    laps = ImagingLoad()
-    token = _laps.set(laps)
-    try:
-        yield laps
-    finally:
-        _laps.reset(token)
-
-
-@contextmanager
-def always_planned() -> Iterator[None]:
-    """Use the fast algorithm for all points that are imaged with a tolerance in the `with` block,
-    even if the exact sum costs less for them: other frames at nearby points reuse its plan."""
-    token = _planned.set(True)
-    try:
-        yield
-    finally:
-        _planned.reset(token)
-
-
-def _scaled(function: Image) -> Image:
-    """Decorate an imaging function so that it checks its samples and tones, and accepts samples in
-    any unit.
-
-    Samples that float32 sums could overflow or lose are scaled to about 1 before imaging; the image
-    is then scaled back and is complex128 (the magnitudes of `Peaks` are float64). The decorated
-    function raises HandbenchError for invalid samples and for sums that exceed float64.
-    """
-
-    @wraps(function)
-    def scaled(
-        samples: np.ndarray,
-        frequencies_hz: np.ndarray,
-        aperture: Aperture,
-        *others: Any,
-        **named: Any,
-    ) -> Any:
-        samples, frequencies_hz = np.asarray(samples), tones("frequencies_hz", frequencies_hz)
-        largest = check_samples(samples, frequencies_hz, aperture)
-        if largest == 0 or 1e-20 <= largest <= 1e20:  # whose sums float32 surely holds
-            return function(samples, frequencies_hz, aperture, *others, **named)
-        if largest * samples.size > np.finfo(np.float64).max:
-            raise HandbenchError(
-                f"samples: the largest has the magnitude {largest:.3g}, so their sum may "
-                "overflow; multiply all samples by a smaller constant"
-            )
-        near = scaled_to_one(samples.astype(np.complex128))
-        factor = np.float64(largest / largest_part(near))
-        image: Any = function(near, frequencies_hz, aperture, *others, **named)
-        return (
-            image.scaled(factor)
-            if isinstance(image, Peaks)
-            else image.astype(np.complex128) * factor
-        )
-
-    return cast(Image, scaled)
-
-
-def _watched(function: Image) -> Image:
-    """Decorate an imaging function f(samples, frequencies_hz, aperture, points or grid, …) so that
-    `count_imaging` counts its time and work.
-
-    Imaging functions that it calls itself are not counted a second time. The decorated function
-    also checks its samples, and scales those that float32 sums could not hold.
-    """
-
-    function = _scaled(function)
-
-    @wraps(function)
-    def timed(samples: np.ndarray, *others: object, **named: object) -> object:
-        laps = _laps.get()
-        if laps is None:
-            return function(samples, *others, **named)
-        token, start, where = _laps.set(None), time.perf_counter(), others[2]
-        try:
-            return function(samples, *others, **named)
-        finally:
-            _laps.reset(token)
-            laps.imaging_s += time.perf_counter() - start
-            points = (
-                prod(where.shape)
-                if isinstance(where, VoxelGrid)
-                else np.size(cast(Any, where)) // 3
-            )
-            laps.terms += np.size(samples) * points
-            laps.tones = max(laps.tones, len(samples))
-
-    return cast(Image, timed)
-
-
-@_watched
 def image_points(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -176,9 +58,10 @@ def image_points(
     samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
     points_m: [..., 3], in metres. tolerance: largest relative L2 error, 1e-6 to 0.1; None for the
     exact sum over every tone and antenna, which is also used where it costs less than the fast
-    algorithm with its plan (but in `always_planned`). Raises HandbenchError for invalid arguments.
+    algorithm with its plan. Raises HandbenchError for invalid arguments.
     """
     check(tolerance)
+    _check_size(samples, frequencies_hz, aperture)
     points_m = np.asarray(points_m)
     if points_m.shape[-1:] != (3,):
         raise HandbenchError(f"points_m: have shape {points_m.shape}; expected [..., 3], in metres")
@@ -187,7 +70,7 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    terms = np.inf if _planned.get() else exact_terms(len(samples) * len(points), aperture)
+    terms = exact_terms(len(samples) * len(points), aperture)
     parts = (
         [] if tolerance is None or needs_direct_sum(aperture) else clusters(points, frequencies_hz)
     )
@@ -216,7 +99,6 @@ def image_points(
     return images.reshape(shape)
 
 
-@_watched
 def image_volume(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -237,6 +119,7 @@ def image_volume(
     `support.cost`).
     """
     check(tolerance)
+    _check_size(samples, frequencies_hz, aperture)
     count = len(samples) if apart else 1
     require_memory(
         8 * count * int(np.prod(grid.shape)),
@@ -256,7 +139,6 @@ def image_volume(
     return volumes.reshape((count, *grid.shape) if apart else grid.shape)
 
 
-@_watched
 def project_volume(
     samples: np.ndarray,
     frequencies_hz: np.ndarray,
@@ -272,6 +154,7 @@ def project_volume(
     whole; None for the exact sum.
     """
     check(tolerance)
+    _check_size(samples, frequencies_hz, aperture)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
@@ -337,6 +220,17 @@ def check(tolerance: float | None) -> None:
         raise HandbenchError(
             f"tolerance: is {tolerance}; expected {TOLERANCES[0]:g} to {TOLERANCES[1]:g}, or "
             f"{option('--exact', 'tolerance=None')} for the exact sum"
+        )
+
+
+def _check_size(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> None:
+    """Raise HandbenchError for invalid samples or tones, and for samples so large or so small that
+    sums in float32 may overflow or lose them."""
+    largest = check_samples(samples, frequencies_hz, aperture)
+    if largest != 0 and not SIZES[0] <= largest <= SIZES[1]:
+        raise HandbenchError(
+            f"samples: the largest has the magnitude {largest:.3g}; expected {SIZES[0]:g} to "
+            f"{SIZES[1]:g}; multiply all samples by a constant"
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,13 +28,6 @@ class Peaks:
     rival: np.ndarray = field(default_factory=_none)
     second: np.ndarray = field(default_factory=_none)
     error: float = 0.0
-
-    def scaled(self, factor: np.float64) -> Peaks:
-        """Return the peaks of the same volume with all voxels multiplied by `factor`."""
-        second = np.where(self.second < 0, -1.0, self.second * factor)
-        return replace(
-            self, magnitude=self.magnitude * factor, second=second, error=float(self.error * factor)
-        )
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], error: float = 0.0) -> Peaks:

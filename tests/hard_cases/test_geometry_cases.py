@@ -15,12 +15,12 @@ import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.api import always_planned, image_points, image_volume
+from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.certificate import certified
 from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
 from tests.hard_cases.scenes import TONES_HZ, cloud, plate
-from tests.radar.samples import noise
+from tests.radar.samples import always_planned, noise
 from tests.references.balls import LIGHT_M_S, Balls, echoes, images, middles, off
 
 STEER = 4 * U_SINGLE  # of a wave: its phase rounds to π/2 U, cosine and sine to 2 U

@@ -11,7 +11,7 @@ from handbench.cli import reconstruct
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
 from handbench.radar.data.grid import Axis, VoxelGrid
-from handbench.radar.imaging.api import always_planned, image_points, image_volume, project_volume
+from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.device import (
     SETTING,
     array_module,
@@ -25,7 +25,7 @@ from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging.cupy_stand_in import cupy_stand_in, has_gpu
 from tests.radar.imaging.measure_gpu import measure
-from tests.radar.samples import noise, relative_error
+from tests.radar.samples import always_planned, noise, relative_error
 
 TONES_HZ = np.linspace(72e9, 82e9, 16)
 AGREED = 1e-5  # of device and processor: both err by less in single precision

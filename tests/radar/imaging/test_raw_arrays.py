@@ -4,7 +4,7 @@ argument."""
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaArray, PlanarScan
+from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.data.grid import VoxelGrid
@@ -15,35 +15,25 @@ from tests.radar.direct_sums import direct_echoes
 pytestmark = pytest.mark.usefixtures("planned")
 
 RANDOM = np.random.default_rng(0)
-TX_M, RX_M, SCAN_M = (RANDOM.uniform(-0.07, 0.07, (n, 3)) * [1, 1, 0] for n in (6, 5, 9))
-ARRAY, SCAN = AntennaArray(TX_M, RX_M), PlanarScan(SCAN_M)
+TX_M, RX_M = (RANDOM.uniform(-0.07, 0.07, (n, 3)) * [1, 1, 0] for n in (6, 5))
+ARRAY = AntennaArray(TX_M, RX_M)
 TONES_HZ = np.array([72e9, 82e9, 80e9])
 POINTS_M = RANDOM.uniform(-0.03, 0.03, (40, 3)) + [0, 0, 0.3]
 AXIS_M = np.linspace(-0.02, 0.02, 9)
 GRID = VoxelGrid(AXIS_M, AXIS_M, AXIS_M + 0.3)
 
 
-def echoes(aperture=ARRAY, tones_hz=TONES_HZ):
-    return direct_echoes(np.array([[0.005, 0.002, 0.3]]), [1.0], tones_hz, aperture)
+def echoes():
+    return direct_echoes(np.array([[0.005, 0.002, 0.3]]), [1.0], TONES_HZ, ARRAY)
 
 
-def images(samples, tones_hz=TONES_HZ, aperture=ARRAY, points_m=POINTS_M):
+def images(samples):
     """Every imaging function's image."""
     for tolerance in (None, 1e-3):
-        yield image_points(samples, tones_hz, aperture, points_m, tolerance)
-        yield image_points(samples, tones_hz, aperture, points_m, tolerance, apart=True)
-        yield image_volume(samples, tones_hz, aperture, GRID, tolerance)
-        yield project_volume(samples, tones_hz, aperture, GRID, tolerance).magnitude
-
-
-@pytest.mark.parametrize("aperture", [ARRAY, SCAN])
-@pytest.mark.parametrize("scale", [1e300, 1e38, 1e25, 1e-25, 1e-42, 1e-300])
-def test_an_image_scales_with_its_samples(scale, aperture):
-    """Against the image of the samples near 1: it shares the engine, and not the scale."""
-    both = (images(echoes(aperture) * s, TONES_HZ, aperture) for s in (scale, 1.0))
-    for scaled, plain in zip(*both, strict=True):
-        atol = 1e-4 * np.nanmax(np.abs(plain))
-        np.testing.assert_allclose(scaled / scale, plain, rtol=1e-3, atol=atol)
+        yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance)
+        yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance, apart=True)
+        yield image_volume(samples, TONES_HZ, ARRAY, GRID, tolerance)
+        yield project_volume(samples, TONES_HZ, ARRAY, GRID, tolerance).magnitude
 
 
 def test_ordinary_samples_keep_their_type_and_zeros_are_zeros():
@@ -63,7 +53,8 @@ def replaced(values, place, value):
         ("samples", replaced(echoes(), (2, 5, 4), 1j * np.inf), "have NaN or infinite values"),
         ("samples", echoes().astype(object), "object"),
         ("samples", echoes()[:, :5], r"have shape \(3, 5, 5\); expected \(3, 6, 5\)"),
-        ("samples", np.full(echoes().shape, 1e308), "their sum may overflow"),
+        ("samples", echoes() * 1e25, "expected 1e-20 to 1e"),
+        ("samples", echoes() * 1e-25, "expected 1e-20 to 1e"),
         ("frequencies_hz", [72e9, np.nan, 80e9], ""),
         ("frequencies_hz", [72e9, 0.0, 80e9], ""),
         ("frequencies_hz", [72e9, 1e300, 80e9], ""),
