@@ -117,16 +117,13 @@ def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
     return jacobian
 
 
-def adjoint(step_m: np.ndarray, unknowns: int) -> np.ndarray:
-    """Return the matrix [6, 6] or [7, 7] that converts a small motion (translation, rotation, log
-    scale) about one point to the same motion about a point shifted by step_m [3].
-
-    The translation becomes t' = t + ω×step + λ·step; rotation and scale do not change. unknowns: 6,
-    or 7 with scale.
-    """
-    matrix = np.eye(7)
-    matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
-    return matrix[:unknowns, :unknowns]
+def adjoint(step_m: np.ndarray) -> np.ndarray:
+    """Return the matrix [6, 6] that converts a small motion (translation, rotation) about one point
+    to the same motion about a point shifted by step_m [3]: the translation becomes t' = t + ω×step,
+    the rotation stays."""
+    matrix = np.eye(6)
+    matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:6]
+    return matrix
 
 
 def umeyama(

@@ -297,7 +297,7 @@ def _covariance(
     if free.shape[1] and start is None:
         return None
     # from [τ, ω·radius_m]
-    to_origin = adjoint(-pixels.centre_m, 6) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))
+    to_origin = adjoint(-pixels.centre_m) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))
     covariance: np.ndarray = to_origin @ held @ scatter @ held.T @ to_origin.T
     if start is not None:
         unmoved = to_origin @ free @ free.T @ np.linalg.inv(to_origin)

@@ -152,7 +152,7 @@ class RigidFit:
     def covariance_about_origin(self) -> np.ndarray:
         """Convert the covariance, which is about pivot_m, to one about the origin of the target
         frame, as in `Transform`."""
-        carry = adjoint(-self.pivot_m, 6)
+        carry = adjoint(-self.pivot_m)
         return carry @ self.covariance @ carry.T
 
     def predicted_distances(self, pairs: Pairs) -> np.ndarray:

@@ -13,8 +13,8 @@ from handbench.calibration.array.array_file import save_array, with_calibration
 from handbench.calibration.echoes.corrections import Corrections
 from handbench.calibration.echoes.estimate import self_calibrate
 from handbench.calibration.echoes.sentences import sentences
-from handbench.calibration.registration.register import HAND_M, motion
-from handbench.calibration.transforms import Transform, load_transform
+from handbench.calibration.registration.register import HAND_M
+from handbench.calibration.transforms import Transform
 from handbench.cli.options import free
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
@@ -39,14 +39,6 @@ def run(options: argparse.Namespace) -> None:
         )
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
-    if options.since:
-        say(
-            motion(
-                load_transform(options.since),
-                transform,
-                names=(options.since.name, options.out.name),
-            ).sentence
-        )
 
 
 def _from_echoes(options: argparse.Namespace) -> None:

@@ -222,28 +222,3 @@ def test_a_mirror_image_is_named_as_one(shape, count, seed):
 
 def mirror(seed: int, points: np.ndarray) -> np.ndarray:
     return points * [1, 1, -1] @ Rotation.random(rng=np.random.default_rng(seed)).as_matrix().T
-
-
-@given(
-    seed=seeds,
-    shape=st.sampled_from([FIVE, PLANE, SOLID, None]),
-    log_size=st.floats(-1.5, 6),
-    at_source=st.booleans(),
-)
-@examples(30)
-def test_a_minority_of_wrong_pairs_of_any_size_changes_nothing(seed, shape, log_size, at_source):
-    """The answer is that of the others (of 50 digits), and so is the covariance; 30 mm to 1000 km
-    off, where the centres err by 0.24 mm and a deviation is 0.4 mm. One of five, or 16 of 40: then
-    the triples are drawn, 220, of which a fifth are without a wrong pair."""
-    rng = np.random.default_rng(seed + 1)
-    p, q = scenario(seed, rng.uniform(-0.06, 0.06, (40, 3)) if shape is None else shape)
-    bad = rng.choice(len(p), 16 if shape is None else 1, replace=False)
-    good = np.setdiff1d(np.arange(len(p)), bad)
-    way = rng.standard_normal((len(bad), 3))
-    (p if at_source else q)[bad] += 10**log_size * way / np.linalg.norm(way, axis=1)[:, None]
-    spread_m2 = 9e-8 * np.eye(3)
-    source, target = (candidates(side, covariance_m2=spread_m2) for side in (p, q))
-    found = align(source, target)
-    alone = align([source[i] for i in good], [target[i] for i in good])
-    np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-9, atol=1e-20)
-    assert max(errors(found.matrix, p[good], q[good])) < BAR

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from handbench.calibration.registration.register import combine
+from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import Element, Target, default_target, match
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import candidates, pose, register
@@ -102,3 +104,30 @@ def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target)
     expected[2, 2] = 1e-6
     np.testing.assert_allclose(shared.covariance - plain.covariance, expected, atol=1e-15)
     np.testing.assert_array_equal(shared.matrix, plain.matrix)
+
+
+def captured(rng: np.random.Generator, target: Target, offset_sigma_m: float) -> Pairs:
+    """The target in the radar's frame with exact centres, and in the photographs' frame with those
+    of its balls, which are off their spheres' centres."""
+    radar_m = placed(rng, target.centres_m)
+    spread_m2 = (1e-12 + offset_sigma_m**2) * np.eye(3)
+    return Pairs.of(candidates(radar_m, covariance_m2=spread_m2), candidates(radar_m))
+
+
+def test_several_captures_do_not_reduce_what_the_target_is_unsure_of(rng, target):
+    sigma_m = 1e-2
+    spreads_m = []
+    for count in (1, 4):
+        captures = [captured(rng, target, sigma_m) for _ in range(count)]
+        found = combine(captures, ball_offset_sigma_m=sigma_m)
+        middle_m = np.concatenate([pairs.target_m for pairs in captures]).mean(axis=0)
+        spreads_m.append(np.trace(found.point_covariance(middle_m)))
+        assert len(found.residuals_m) == 5 * count
+    assert spreads_m[1] == pytest.approx(spreads_m[0], rel=0.1)
+
+
+def test_a_wrong_pair_is_named_with_its_capture(rng, target, capsys):
+    captures = [captured(rng, target, 1e-4) for _ in range(2)]
+    captures[1].target_m[3] += [0, 0.04, 0]
+    combine(captures, names=["monday", "friday"])
+    assert "registration: friday, pair 4 is 40" in capsys.readouterr().err
