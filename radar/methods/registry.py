@@ -30,8 +30,6 @@ from handbench.support.progress import say
 
 GROUP = "handbench.methods"
 OWN = "handbench"  # the distribution whose methods are the built-in ones
-# separate packages until version 0.2
-MOVED = ("radar", "calibration", "groundtruth", "bench", "reports")
 PAPER = (
     "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based "
     "Imaging of Human Hand Poses"
@@ -209,13 +207,7 @@ def _load() -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Describe in words why a plug-in could not be loaded. If it imports a package that was
-    separate until version 0.2, the description has the package's new name."""
-    if isinstance(error, ModuleNotFoundError) and error.name and _top(error.name) in MOVED:
-        return (
-            f"imports {error.name}, which is called handbench.{error.name} since version 1.0; "
-            "change the import"
-        )
+    """Describe in words why a plug-in could not be loaded."""
     return str(error) if isinstance(error, HandbenchError) else f"{type(error).__name__}: {error}"
 
 
