@@ -1,131 +1,263 @@
-"""Arrays, captures and depth maps on disk."""
+"""Errors, strict configuration and atomic files."""
 
-import h5py
+from __future__ import annotations
+
+import errno
+import io
+import os
+import pickle
+import shutil
+from functools import partial
+from pathlib import Path
+
 import numpy as np
 import pytest
+from pydantic import Field
 
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
-from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.support.config import Config, parse, read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside
-
-SHAPE = (1, 5, 3, 4)  # of what `capture` makes
-
-
-def capture(frames=2) -> RadarCapture:
-    generator = np.random.default_rng(0)
-    array = AntennaArray(generator.uniform(size=(3, 3)), generator.uniform(size=(4, 3)))
-    samples = generator.standard_normal((frames, 5, 3, 4)) + 1j
-    return RadarCapture(samples.astype(np.complex64), np.linspace(72e9, 82e9, 5), array)
-
-
-def test_built_in_array_is_the_paper_s():
-    array = qar50()
-    assert array.channels == (94, 94)
-    assert np.abs(np.concatenate([array.tx_m, array.rx_m])[:, :2]).max() <= 0.072
-    assert np.allclose(np.diff(array.rx_m[:47, 0]), 0.003)
+from handbench.support.files import (
+    atomic_folder,
+    atomic_path,
+    content_hash,
+    inside,
+    read_json,
+    read_npz,
+    require_file,
+    require_folder,
+    write_json,
+)
 
 
-def test_capture_round_trip(tmp_path):
-    save_capture(tmp_path / "echoes.h5", capture())
-    again = load_capture(tmp_path / "echoes.h5")
-    assert np.array_equal(again.samples, capture().samples)
-    assert np.array_equal(again.aperture.tx_m, capture().aperture.tx_m)
+class Part(Config):
+    width_m: float = Field(default=0.1, gt=0)
 
 
-def test_planar_scan_round_trip(tmp_path):
-    scan = RadarCapture(
-        np.ones((1, 2, 7), np.complex64), np.array([1e9, 2e9]), PlanarScan(np.zeros((7, 3)))
-    )
-    save_capture(tmp_path / "echoes.h5", scan)
-    assert load_capture(tmp_path / "echoes.h5").aperture.channels == (7,)
+class Scene(Config):
+    name: str
+    part: tuple[Part, ...] = ()
 
 
-def test_tones_are_the_nearest_measured_ones_with_their_true_frequencies():
-    samples, tones_hz = capture().tones([74.4e9, 82e9])
-    assert tones_hz.tolist() == [74.5e9, 82e9]
-    assert np.array_equal(samples, capture().samples[0, [1, 4]])
-    for asked_hz, message in (([74.4e9, 74.6e9], "same nearest tone"), ([60e9], r"60\.0000 GHz")):
-        with pytest.raises(HandbenchError, match=message):
-            capture().tones(asked_hz)
+def message(action, *arguments) -> str:
+    """The one line of the HandbenchError that the action must raise."""
+    with pytest.raises(HandbenchError) as caught:
+        action(*arguments)
+    assert str(caught.value).isprintable()  # so it is one line
+    return str(caught.value)
 
 
-def test_depth_map_round_trip_and_wrong_axes(tmp_path):
-    z_m = np.array([[0.3, np.nan], [0.31, 0.32], [0.3, 0.3]])
-    given = z_m, np.where(z_m > 0.31, 0.0, -6.0), "2fsk", {"f1_hz": 1.0}
-    DepthMap(np.arange(2.0), np.arange(3.0), *given).save(tmp_path / "d.npz")
-    again = load_depthmap(tmp_path / "d.npz")
-    assert np.array_equal(again.z_m, z_m, equal_nan=True)
-    assert (again.method, again.config) == ("2fsk", {"f1_hz": 1.0})
-    DepthMap(np.arange(5.0), np.arange(3.0), *given).save(tmp_path / "bad.npz")
-    expected = r"z_m is float64 \(3, 2\); expected real numbers of shape \(3, 5\)"
-    with pytest.raises(HandbenchError, match=expected):
-        load_depthmap(tmp_path / "bad.npz")
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def _virtual() -> h5py.VirtualLayout:
-    layout = h5py.VirtualLayout(SHAPE, "f4")
-    layout[...] = h5py.VirtualSource("other.h5", "samples", SHAPE)
-    return layout
+def test_a_message_is_one_line_whatever_it_quotes():
+    assert str(HandbenchError("a\nb\r\n  c\x1b[31m")) == "a b c?[31m"
+
+
+def test_an_error_survives_the_way_back_from_a_worker_process():
+    assert str(pickle.loads(pickle.dumps(HandbenchError("x: got 1")))) == "x: got 1"
 
 
 @pytest.mark.parametrize(
-    ("name", "made", "message"),
+    ("values", "expected"),
     [
-        ("samples", {"data": np.full(SHAPE, np.nan, "c8")}, "no channel was measured"),
-        ("samples", {"data": np.ones((1, 5, 3, 5), "c8")}, r"expected \[frame, 5, 3, 4\]"),
-        ("frequencies_hz", {"data": [1.0, 2.0, 3.0, 4.0, -5.0]}, "expected frequencies above 0"),
-        ("frequencies_hz", {"data": 1.0}, r"shape \(\); expected a list of real numbers"),
-        ("tx_m", {"data": np.zeros((3, 2))}, r"shape \(3, 2\) of .* \[n, 3\]"),
-        ("tx_m", None, r"has no data set 'tx_m' \[tx, 3\], metres"),
+        ({"nmae": "a"}, "unknown key 'nmae'; did you mean 'name'?"),
         (
-            "samples",
-            {"shape": (1, 5, 3, 10**13), "dtype": "c8", "chunks": SHAPE},
-            "",
-        ),  # 10^15 bytes
-        ("samples", {"data": "samples"}, ""),
-        ("samples", {"data": h5py.Empty("f4")}, ""),
-        ("samples", {"shape": SHAPE, "dtype": "f4", "external": [("secret", 0, 240)]}, ""),
-        ("samples", "group", ""),
-        ("samples", "virtual", ""),
-        ("samples", h5py.SoftLink("/samples"), ""),
-        ("samples", h5py.SoftLink("/whole/samples"), "is missing"),
-        ("tx_m", h5py.ExternalLink("other.h5", "tx_m"), "is missing"),
+            {"name": "a", "part": [{}, {"widht_m": 1}]},
+            "unknown key 'part.1.widht_m'; did you mean 'width_m'?",
+        ),
+        ({"name": "a", "zzzzzz": 1}, "known: name, part"),
+        ({}, "key 'name' is missing"),
+        ({"name": 5}, "'name' is 5; input should be a valid string"),
+        (
+            {"name": "a", "part": [{"width_m": -1}]},
+            "'part.0.width_m' is -1; input should be greater than 0",
+        ),
+        ({"name": "a", "b\nc": 1}, "unknown key 'b c'"),
+        ({"name": 1, "part": 2}, "(and 1 more)"),
     ],
-    ids=str,
 )
-def test_bad_echoes_are_named(tmp_path, name, made, message, monkeypatch):
-    """Nor does a file reach into others: what lies beside it, or anywhere, is not its echoes."""
-    monkeypatch.chdir(tmp_path)
-    for file in ("other.h5", "echoes.h5"):
-        save_capture(tmp_path / file, capture(1))
-    (tmp_path / "secret").write_bytes(bytes(240))
-    with h5py.File(tmp_path / "echoes.h5", "a") as file:
-        del file[name]
-        file["whole"] = h5py.ExternalLink("other.h5", "/")
-        if made == "group":
-            file.create_group(name)
-        elif made == "virtual":
-            file.create_virtual_dataset(name, _virtual())
-        elif isinstance(made, dict):
-            file.create_dataset(name, **made)
-        elif made is not None:
-            file[name] = made
-    with pytest.raises(HandbenchError, match=rf"echoes\.h5.*{message}") as caught:
-        load_capture(tmp_path / "echoes.h5")
-    assert "\n" not in str(caught.value)
+def test_a_wrong_configuration_is_one_line_that_names_the_key(values, expected):
+    line = message(parse, Scene, values, "scene.toml")
+    assert line.startswith("scene.toml: ")
+    assert expected in line
 
 
-def test_names_do_not_leave_their_folder_by_links_either(tmp_path):
-    (tmp_path / "folder").mkdir()
+def test_an_exception_and_a_full_disk_leave_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "result.json"
+    path.write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_path(path) as temporary:
+        temporary.write_text("half")
+        raise ZeroDivisionError
+    with monkeypatch.context() as patch:
+        patch.setattr("handbench.support.files.os.replace", full_disk)
+        line = message(write_json, path, {"a": 1})
+    assert "No space left on device" in line and str(path) in line
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_appears_complete_and_replaces_the_old_one(tmp_path):
+    path = tmp_path / "run"
+    for name in ("first", "second"):
+        with atomic_folder(path) as temporary:
+            (temporary / name).write_text(name)
+            assert not (path / name).exists()
+    assert [p.name for p in path.iterdir()] == ["second"]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
+    path = tmp_path / "run"
+    path.mkdir()
+    (path / "old").write_text("old")
+    with pytest.raises(ZeroDivisionError), atomic_folder(path) as temporary:
+        (temporary / "half").write_text("half")
+        raise ZeroDivisionError
+    rename, calls = os.replace, []
+
+    def second_rename_fails(source, target):
+        calls.append(source)
+        full_disk() if len(calls) == 2 else rename(source, target)
+
+    def write() -> None:
+        with atomic_folder(path):
+            pass
+
+    with monkeypatch.context() as patch:
+        patch.setattr("handbench.support.files.os.replace", second_rename_fails)
+        assert "No space left" in message(write)
+    assert (path / "old").read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a/../../x", "up/x", "link", "a\0b"])
+def test_a_name_that_leaves_its_folder_is_refused(tmp_path, name):
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    (folder / "up").symlink_to(tmp_path)
     (tmp_path / "secret").write_text("")
-    (tmp_path / "folder" / "link").symlink_to(tmp_path / "secret")
-    (tmp_path / "folder" / "up").symlink_to(tmp_path)
-    (tmp_path / "folder" / "mine").write_text("")
-    (tmp_path / "folder" / "inner").symlink_to(tmp_path / "folder" / "mine")
-    for name in ("link", "up/secret", "../secret", str(tmp_path / "secret")):
-        with pytest.raises(HandbenchError, match="is outside the folder"):
-            inside(tmp_path / "folder", name, "capture.toml")
-    assert inside(tmp_path / "folder", "inner", "capture.toml").name == "mine"
+    (folder / "link").symlink_to(tmp_path / "secret")
+    assert "is outside the folder" in message(inside, folder, name, "capture.toml")
+    for good in ("x.npy", "a/b", "a/../b", "..x"):
+        assert inside(tmp_path, good, "capture.toml") == (tmp_path / good).resolve()
+
+
+def zipped() -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, z_m=np.arange(1000.0))
+    return buffer.getvalue()
+
+
+def single() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.zeros(3))
+    return buffer.getvalue()
+
+
+WHOLE = zipped()
+TORN = WHOLE[:200] + b"\0" * 50 + WHOLE[250:]
+READERS = [
+    (partial(read_toml, what="a scene"), "not readable as TOML", b"a = "),
+    (partial(read_toml, what="a scene"), "not readable as TOML", b"\xff\xfe\x00"),
+    *(
+        (partial(read_json, what="a file"), "is not readable as JSON", content)
+        for content in (b"{", b"\xff\xfe", b"9" * 10_000)
+    ),
+    *(
+        (partial(read_npz, names=("z_m",)), "not a readable .npz file", content)
+        for content in (b"PK", TORN, single())
+    ),
+    (partial(read_npz, names=("z_m", "x_m")), "has no x_m; expected arrays named z_m, x_m", WHOLE),
+    (partial(require_file, what="photos"), "expected photos, found nothing", None),
+    (partial(require_folder, what="photos"), "found nothing", None),
+    (partial(require_folder, what="photos"), "found a file", b""),
+]
+
+
+@pytest.mark.parametrize(("read", "words", "content"), READERS)
+def test_what_a_file_is_not_is_named_in_one_line(tmp_path, read, words, content):
+    if content is not None:
+        (tmp_path / "a").write_bytes(content)
+    line = message(read, tmp_path / "a")
+    assert words in line and line.startswith(str(tmp_path / "a"))
+    assert "found a folder" in message(require_file, tmp_path, "photos")
+
+
+def test_json_holds_null_for_what_is_not_finite_and_plain_numbers(tmp_path):
+    content = {
+        "a": float("nan"),
+        "b": [np.inf, np.float32(0.5)],
+        "c": np.array([[1.0, -np.inf]]),
+        4: np.int64(3),
+        "flag": np.bool_(True),
+    }
+    write_json(tmp_path / "a.json", content)
+    read = {"a": None, "b": [None, 0.5], "c": [[1.0, None]], "4": 3, "flag": True}
+    assert read_json(tmp_path / "a.json", "a test") == read
+    with pytest.raises(TypeError):
+        write_json(tmp_path / "b.json", {"a": object()})
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]
+
+
+class Trap:
+    """Unpickling it writes a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def test_pickled_arrays_are_refused_and_never_run(tmp_path):
+    sprung = tmp_path / "sprung"
+    np.savez(tmp_path / "a.npz", z_m=np.array([Trap(sprung)], dtype=object))
+    (tmp_path / "b.npz").write_bytes(pickle.dumps(Trap(sprung)))
+    for name in ("a.npz", "b.npz"):
+        assert "not a readable .npz file" in message(read_npz, tmp_path / name, ("z_m",))
+    assert not sprung.exists()
+
+
+def test_a_folders_hash_changes_with_content_and_name_and_with_nothing_else(tmp_path):
+    folder = tmp_path / "capture"
+    (folder / "photos").mkdir(parents=True)
+    (folder / "photos" / "a").write_text("1")
+    (folder / "b").write_text("2")
+    before = content_hash(folder)
+    os.utime(folder / "b", (0, 0))
+    shutil.copytree(folder, tmp_path / "copy")
+    assert content_hash(tmp_path / "copy") == before == content_hash(folder)
+    (folder / "b").write_text("3")
+    assert content_hash(folder) != before
+    (folder / "b").write_text("2")
+    (folder / "b").rename(folder / "c")
+    assert content_hash(folder) != before
+
+
+def test_values_that_differ_hash_differently(tmp_path):
+    (tmp_path / "a").write_text("a")
+    long = np.zeros(5000)
+    other = long.copy()
+    other[2500] = 1  # numpy's text of a long array leaves the middle out
+    values = [
+        ("a",),
+        ("a", "b"),
+        ("ab",),
+        (1,),
+        ("1",),
+        ({"a": 1},),
+        ([1, 2],),
+        (None,),
+        (tmp_path / "a",),
+        (np.zeros(4),),
+        (np.zeros(4, np.float32),),
+        (np.zeros((2, 2)),),
+        ({"a": long},),
+        ({"a": other},),
+    ]
+    hashes = [content_hash(*parts) for parts in values]
+    assert len(set(hashes)) == len(values)
+    assert content_hash({"b": 1, "a": np.float64(2)}) == content_hash({"a": 2.0, "b": 1})
+    assert content_hash(long[::2]) == content_hash(long[::2].copy())
+    with pytest.raises(TypeError, match="cannot hash a value of type object"):
+        content_hash({"a": object()})

@@ -94,23 +94,15 @@ def test_depth_is_freed_of_motion_and_velocity_is_found():
 
 
 @pytest.mark.parametrize(
-    ("order", "times", "settings"),
+    ("order", "times"),
     [
-        ((2, 3, 0, 1), None, {}),  # tones in any order in the file
-        ((0, 1, 2, 3), (0.0, 0.4e-3, 2.1e-3, 3e-3), {}),  # unequal spacing
-        ((0, 1, 2, 3), (5.0, 5.001, 5.002, 5.003), {}),  # times of a clock
-        # the last tone of the ladder is the one that is measured twice
-        ((0, 1, 2, 3), None, {"f1_hz": 81.8e9, "f2_hz": 79.5e9, "f3_hz": 82e9}),
+        ((2, 3, 0, 1), None),  # tones in any order in the file
+        ((0, 1, 2, 3), (5.0, 5.0004, 5.0021, 5.003)),  # of a clock, unequally spaced
     ],
-    ids=("order", "unequal", "clock", "third"),
+    ids=("order", "unequal"),
 )
-def test_any_order_and_spacing_of_tones(order, times, settings):
-    if settings:
-        # 81.8 and 79.5 GHz are unambiguous within ±33 mm of the first depth
-        settings = settings | {"first_depth_m": 0.32}
-    z_m, velocity, true = errors(
-        mapped("3fsk-doppler", capture(order=order, times=times), **settings)
-    )
+def test_any_order_and_spacing_of_tones(order, times):
+    z_m, velocity, true = errors(mapped("3fsk-doppler", capture(order=order, times=times)))
     assert 1e3 * mae(z_m) < 0.5 and mae(velocity) < 0.12 * mae(true)
 
 
