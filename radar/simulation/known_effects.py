@@ -24,8 +24,7 @@ class Choice(Config):
     pixels_percent: lost and gained pixels; level_db: power of its change to the echoes, relative to
     the echoes.
 
-    seconds: measured time (None: the effect is off, or nothing was simulated). cost_s:
-    in files of earlier versions only.
+    seconds: measured time (None: the effect is off, or nothing was simulated).
     """
 
     effect: str
@@ -35,7 +34,6 @@ class Choice(Config):
     worst_mm: float | None = None
     pixels_percent: float | None = None
     level_db: float | None = None
-    cost_s: float | None = None
     seconds: float | None = None
 
 
