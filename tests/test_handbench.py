@@ -141,7 +141,6 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
     ("call", "words"),
     [
         (lambda ball, depth, folder: hb.load(folder), "not a capture"),
-        (lambda ball, depth, folder: hb.groundtruth(folder / "photos"), "photos"),  # of 0.2
         (lambda ball, depth, folder: ball.reconstruct("2fsk", frame=1), "frames 0 to 0"),
         (lambda ball, depth, folder: ball.reconstruct("2fsk", toleranec=1e-3), "toleranec"),
         (
