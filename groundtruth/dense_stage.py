@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.dense import completion, cuda
+from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
 from handbench.groundtruth.dense.kernels import announce
@@ -77,9 +77,4 @@ def _fused(
     announce()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
-    maps = depth_maps(views, sources, effort.iterations, options.seed, effort.thorough)
-    if effort.thorough:
-        return fuse(
-            completion.complete_maps(maps, sources, options.seed), box_m, completion.CONFIRMATIONS
-        )
-    return fuse(maps, box_m)
+    return fuse(depth_maps(views, sources, effort.iterations, options.seed), box_m)

@@ -9,35 +9,24 @@ from pydantic import Field
 from handbench.support.config import Config, FileName
 from handbench.support.errors import HandbenchError
 
-Quality = Literal["draft", "normal", "high", "thorough"]
+Quality = Literal["draft", "normal", "high"]
 
 
 class Effort(NamedTuple):
     """Resolution and work of depth maps.
 
     shrink: divisor of the photographs' resolution. iterations: number of PatchMatch iterations.
-    thorough: also sweep tilted planes, and match each view repeatedly.
     """
 
     shrink: int
     iterations: int
-    thorough: bool = False
 
 
-EFFORT = {
-    "draft": Effort(4, 2),
-    "normal": Effort(2, 3),
-    "high": Effort(1, 4),
-    "thorough": Effort(1, 4, True),
-}
+EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
 # Processor time of a photograph, of a pair of them, of a megapixel's features and of its depths:
 # measured on a hand.
-PHOTO_S, PAIR_S, FEATURES_S, DEPTHS_S = (
-    1.6,
-    0.3,
-    0.25,
-    {"draft": 0.3, "normal": 1.5, "high": 7.5, "thorough": 15.0},
-)
+PHOTO_S, PAIR_S, FEATURES_S = 1.6, 0.3, 0.25
+DEPTHS_S = {"draft": 0.3, "normal": 1.5, "high": 7.5}
 EFFORT_SHARES = {"sparse": 0.28, "dense": 0.57, "mesh": 0.15}  # of the stages, measured on hands
 BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
 

@@ -39,7 +39,7 @@ from handbench.support.progress import say, track
 
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree:
 # COLMAP's lowest, its default.
-SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True), "thorough": (5, True)}
+SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
 CHILD = """
 import json, sys, pycolmap
 options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
@@ -58,7 +58,7 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
     the same final refinement as on the CPU.
 
     sources: for each view, the indices of the views that it is matched with. quality: "draft",
-    "normal", "high" or "thorough", which sets COLMAP's iterations. Raises HandbenchError if COLMAP
+    "normal" or "high", which sets COLMAP's iterations. Raises HandbenchError if COLMAP
     fails.
     """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:

@@ -5,42 +5,27 @@ façade and a scene without metric scale need the same thresholds.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
 from handbench.groundtruth.dense import patchmatch
-from handbench.groundtruth.dense.first_guess import SLANTS, first_guess, planes_swept
-from handbench.groundtruth.dense.prediction import predict_cost
+from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import Masks
 from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import say, track
-
-
-class Limits(NamedTuple):
-    """Limits for the pixels that a depth map keeps.
-
-    cost: highest matching cost, 1 − NCC. cosine: lowest cosine of the angle between surface normal
-    and line of sight. support: lowest share of a pixel's neighbours that are on its surface, which
-    drops borders and parts thinner than five pixels.
-    """
-
-    cost: float
-    cosine: float
-    support: float
-
+from handbench.support.progress import track
 
 FEWEST_VIEWS = 3
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
-LOOKS, ITERATIONS = 2, 2  # further ones at each view, of a thorough search; of PatchMatch in each
 # between a view and a good source
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])
-USUAL = Limits(cost=0.3, cosine=0.35, support=0.67)
-THOROUGH = Limits(cost=0.4, cosine=0.15, support=0.0)
+HIGHEST_COST = 0.3  # 1 − NCC, of a pixel that a depth map keeps
+LOWEST_COSINE = 0.35  # of the angle between its surface normal and line of sight
+# share of its neighbours that are on its surface: drops borders and parts thinner than five pixels
+LEAST_SUPPORT = 0.67
 JUMP_PX = 1.0  # of disparity, between a pixel and its neighbour on another surface
 
 
@@ -104,33 +89,19 @@ def open_views(
 
 
 def depth_maps(
-    views: list[View], sources: list[list[int]], iterations: int, seed: int, thorough: bool = False
+    views: list[View], sources: list[list[int]], iterations: int, seed: int
 ) -> list[ViewDepth]:
-    """Compute the depth map of every view on the CPU, by matching it with its source views. The
-    predicted time and memory are printed first.
+    """Compute the depth map of every view on the CPU, by matching it with its source views.
 
     sources: for each view, the indices of its sources in `views`. iterations: of PatchMatch; seed:
-    of its random numbers. thorough: also sweep tilted planes, and keep surfaces that are seen at
-    low angles.
+    of its random numbers.
     """
     coarse = [view.halved() for view in views]
-    counts = [
-        planes_swept(half, Stereo.of(half, [coarse[s] for s in sources[i]]).unit)[2]
-        for i, half in enumerate(coarse)
-    ]
-    rounds = [iterations, *[ITERATIONS] * LOOKS * thorough]
-    say(predict_cost(views, len(sources[0]), counts, rounds, 1 + thorough * len(SLANTS)).describe())
     maps = []
     for i in track(range(len(views)), "depth maps"):
         stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
-        planes = first_guess(
-            views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit, thorough
-        )
-        maps.append(
-            refine_planes(
-                views[i], stereo, planes, iterations, seed, THOROUGH if thorough else USUAL
-            )
-        )
+        planes = first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit)
+        maps.append(refine_planes(views[i], stereo, planes, iterations, seed))
     return maps
 
 
@@ -157,12 +128,7 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
 
 
 def refine_planes(
-    view: View,
-    stereo: Stereo,
-    planes: np.ndarray,
-    iterations: int,
-    seed: int = 0,
-    limits: Limits = USUAL,
+    view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0
 ) -> ViewDepth:
     """Turn an initial plane at each pixel of a view into a depth map.
 
@@ -171,14 +137,14 @@ def refine_planes(
 
     stereo: the view's picture with its sources. planes [h, w, 3]: disparity (scaled inverse depth)
     and its slopes per column and row, NaN where unknown; changed in place. seed: of PatchMatch's
-    random numbers. limits: which pixels are kept.
+    random numbers.
     """
     known = np.isfinite(planes[..., 0])
     low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
     planes[..., 0] = np.clip(planes[..., 0], low, high)
     cost, support = patchmatch.refine(stereo, planes, low, high, iterations, seed)
     normals, cosine = _normals(view, planes)
-    good = (cost < limits.cost) & (cosine > limits.cosine) & (support >= limits.support)
+    good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (support >= LEAST_SUPPORT)
     good &= (low <= high) & ~_beside_jump(planes)
     depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
     return ViewDepth(view, depth_m, normals @ view.R)

@@ -9,7 +9,6 @@ import numpy as np
 
 from handbench.groundtruth.dense.dense import ViewDepth
 from handbench.groundtruth.dense.planesweep import less
-from handbench.groundtruth.dense.prediction import FUSED_ALONE, FUSED_BYTES
 from handbench.support.compiled import njit, prange
 from handbench.support.cost import require_free
 from handbench.support.files import read_npz, write_npz
@@ -19,6 +18,7 @@ from handbench.support.limits import KEPT_BYTES
 CONFIRMATIONS, FEW_VIEWS = (2, 5)
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
+PIXEL_BYTES = 58  # a pixel of each depth map, and of two more for the one that is fused
 AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many
 
 
@@ -66,19 +66,16 @@ class Cloud:
         )
 
 
-def fuse(
-    maps: list[ViewDepth], box_m: np.ndarray | None, confirmations: int = CONFIRMATIONS
-) -> Cloud:
+def fuse(maps: list[ViewDepth], box_m: np.ndarray | None) -> Cloud:
     """Fuse depth maps to a cloud. Each pixel that enough other views confirm becomes the mean of
     the points of all views that agree.
 
-    box_m [2, 3]: points outside are dropped (None: all are kept). confirmations: number of other
-    views that must agree with a pixel; with five maps (FEW_VIEWS) or fewer, one suffices. Raises
-    HandbenchError if memory does not suffice.
+    box_m [2, 3]: points outside are dropped (None: all are kept). Raises HandbenchError if memory
+    does not suffice.
     """
-    fewest = confirmations if len(maps) > FEW_VIEWS else 1
+    fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
-    needed = (FUSED_BYTES * len(maps) + FUSED_ALONE) * shape[0] * shape[1]
+    needed = PIXEL_BYTES * (len(maps) + 2) * shape[0] * shape[1]
     require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", less())
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))

@@ -1,13 +1,10 @@
 """The dense stage on pictures of a textured sphere before a wall, whose depth is known in closed
 form."""
 
-from copy import deepcopy
-
 import numba
 import numpy as np
 import pytest
 
-from handbench.groundtruth.dense.completion import complete_maps
 from handbench.groundtruth.dense.dense import depth_maps
 from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.views import Stereo
@@ -45,7 +42,7 @@ def test_the_first_guess_is_not_behind_the_sphere(scene, number):
     views, depths_m, sources = scene
     view, others = views[number], [views[s] for s in sources[number]]
     unit = Stereo.of(view, others).unit
-    planes = first_guess(view, view.halved(), [other.halved() for other in others], unit, False)
+    planes = first_guess(view, view.halved(), [other.halved() for other in others], unit)
     points_m = ball.world_points_m(view, depths_m[number])
     on_cap = np.hypot(points_m[..., 0], points_m[..., 1]) < 0.6 * ball.RADIUS_M
     off = (planes[..., 0] - 1 / (depths_m[number] * unit))[on_cap]
@@ -63,18 +60,3 @@ def test_the_number_of_threads_changes_nothing(scene, maps, monkeypatch):
         numba.set_num_threads(before)
     for one, many in zip(alone, maps, strict=True):
         np.testing.assert_array_equal(one.depth_m, many.depth_m)
-
-
-def test_what_one_view_misses_is_found_from_the_depths_of_the_others(scene, maps):
-    """A hole of 20 × 20 pixels on the sphere, and a view without any depth. Median and largest
-    error in pixels of disparity."""
-    _, depths_m, sources = scene
-    holed, hole = deepcopy(maps), np.s_[45:65, 45:65]
-    holed[0].depth_m[hole] = np.nan
-    holed[4].depth_m[:] = np.nan
-    again = complete_maps(holed, sources, seed=0)
-    error = np.abs(again[0].depth_m - depths_m[0])[hole] / ball.DISPARITY_M
-    assert np.isfinite(error).mean() > 0.95
-    assert np.nanmedian(error) < 0.05 and np.nanmax(error) < 0.5
-    assert np.isfinite(again[4].depth_m).mean() > 0.6
-    ball.check(again, depths_m, known=0.6, rim=0.6, angle_deg=6, points=3000)
