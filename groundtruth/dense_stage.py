@@ -15,7 +15,7 @@ from handbench.groundtruth.dense.kernels import announce
 from handbench.groundtruth.dense.volume import board_plane, narrow_volume, volume, warn_of_cuts
 from handbench.groundtruth.mesh.poisson import clean
 from handbench.groundtruth.options import DenseOptions, Effort
-from handbench.groundtruth.photos.masks import Masks, find_masks
+from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
@@ -70,10 +70,8 @@ def _fused(
     """Compute the depth maps of registered photographs and fuse them to a cloud. effort: resolution
     and number of iterations. box_m [2, 3]: region of interest in the mesh's frame (None:
     everything)."""
-    masks = Masks(
-        {} if options.masks is None else find_masks(options.masks, photos), options.mask == "colour"
-    )
-    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks, options.box())
+    masks = {} if options.masks is None else find_masks(options.masks, photos)
+    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks)
     announce()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)

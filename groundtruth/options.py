@@ -122,14 +122,12 @@ class DenseOptions(Region):
     """Options of the depth maps.
 
     quality: resolution and number of iterations. masks: folder with a mask of the target for each
-    photograph. mask: "colour" separates the target by its colours if there is no folder of masks.
-    dense: device that computes the depth maps; "auto": a CUDA device, if pycolmap can use one.
-    seed: of PatchMatch's random numbers on the CPU.
+    photograph. dense: device that computes the depth maps; "auto": a CUDA device, if pycolmap can
+    use one. seed: of PatchMatch's random numbers on the CPU.
     """
 
     quality: Quality = "normal"
     masks: Path | None = None
-    mask: Literal["none", "colour"] = "none"
     dense: Literal["auto", "cpu", "cuda"] = "auto"
     seed: int = Field(default=0, ge=0, lt=2**31)
 

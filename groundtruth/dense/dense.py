@@ -5,6 +5,7 @@ façade and a scene without metric scale need the same thresholds.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registere
 from handbench.groundtruth.dense import patchmatch
 from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.views import Stereo, View, open_view
-from handbench.groundtruth.photos.masks import Masks
+from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
@@ -47,16 +48,15 @@ def open_views(
     model: "pycolmap.Reconstruction",
     shrink: int,
     box_m: np.ndarray | None,
-    masks: Masks,
-    target_m: np.ndarray | None,
+    masks: dict[str, Path],
 ) -> tuple[list[View], list[list[int]]]:
     """Prepare the registered photographs for dense matching, and choose which views each is matched
     with (its sources).
 
     model: COLMAP's, with cameras and sparse points. shrink: divisor of the resolution. box_m [2,
-    3]: region of interest; photographs that do not show it are left out. target_m [2, 3]: a tight
-    box around the target, if known, for the masks that are found by colour. Returns the views and,
-    for each, the indices of its sources among them. Raises HandbenchError if fewer than three
+    3]: region of interest; photographs that do not show it are left out. masks: file with the mask
+    of each photograph, by its name (empty: all pixels are matched). Returns the views and, for
+    each, the indices of its sources among them. Raises HandbenchError if fewer than three
     photographs show the box.
     """
     by_name = {photo.name: photo for photo in photos}
@@ -72,11 +72,8 @@ def open_views(
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
         near, far = np.quantile((pose * points_m[seen])[:, 2], DEPTH_QUANTILES)
         range_m = float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
-        views.append(
-            open_view(
-                photo, camera, pose, shrink, range_m, box_m, masks.of(photo, camera, pose, target_m)
-            )
-        )
+        mask = read_mask(masks[photo.name], photo) if masks else None
+        views.append(open_view(photo, camera, pose, shrink, range_m, box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:
         raise HandbenchError(

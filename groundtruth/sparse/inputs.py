@@ -93,7 +93,6 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
     options = options.model_copy(update={"dense": "cuda" if devices else "cpu"})
     photos, options = _completed(folder, options)
     if options.masks is not None:
-        _require_one(options, "masks", "mask", "leave out mask, because masks are enough")
         find_masks(options.masks, photos)
     return photos, options
 
@@ -181,7 +180,7 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
     """Raise HandbenchError if two options that exclude each other are both given. first, second:
     names of the options; advice: end of the message."""
-    if all(getattr(options, name) not in (None, (), "none") for name in (first, second)):
+    if all(getattr(options, name) not in (None, ()) for name in (first, second)):
         raise HandbenchError(
             f"{first}, {second}: both are given, but only one is allowed; {advice}"
         )

@@ -26,7 +26,7 @@ def test_the_commands_arguments_reach_the_options():
     given = options_of(*distances, "--model", "m", "--metric", "--box=-1,0,0,1,1,1")
     pairs = [tuple(distance.model_dump().values()) for distance in given.distances]
     assert pairs == [("a.jpg", "b.jpg", 0.35), ("b.jpg", "c.jpg", 0.5)]
-    assert given.metric and str(given.model) == "m" and given.mask == "none"
+    assert given.metric and str(given.model) == "m"
     assert given.box_m == (-1, 0, 0, 1, 1, 1)
     for text, words in (
         ("a,b", r"--distance: is 'a,b'; expected .*A\.jpg,B\.jpg,0\.350"),
@@ -47,7 +47,6 @@ def between(first, second):
     ("given", "words"),
     [
         ({"model": "m", "intrinsics": K}, "model, intrinsics: both are given, but"),
-        ({"masks": "m", "mask": "colour"}, "masks, mask: both are given"),
         ({"metric": True}, "metric: is only for a COLMAP model"),
         (
             between("p0.png", "p7.png"),

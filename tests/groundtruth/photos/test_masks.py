@@ -1,4 +1,4 @@
-"""Masks: from files, by colour, and what they leave of a view."""
+"""Masks: from files, and what they leave of a view."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.dense.views import open_view
-from handbench.groundtruth.photos.masks import Masks, find_masks, read_mask
+from handbench.groundtruth.photos.masks import find_masks, read_mask
 from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
 
@@ -16,12 +16,8 @@ DISC = np.hypot(*np.meshgrid(np.arange(WIDTH) - 130, np.arange(HEIGHT) - 80)) < 
 
 @pytest.fixture
 def photo(tmp_path):
-    """A pinkish disc before a noisy blue ground."""
-    random = np.random.default_rng(0)
-    picture = np.where(DISC[..., None], (150, 170, 220), (140, 90, 60)) + random.normal(
-        0, 12, (HEIGHT, WIDTH, 3)
-    )
-    cv2.imwrite(str(tmp_path / "a.png"), picture.clip(0, 255).astype(np.uint8))
+    picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
     return Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT)
 
 
@@ -41,7 +37,7 @@ def write(folder, name, mask):
 def test_masks_are_found_under_both_names(tmp_path, photo, name):
     write(tmp_path / "masks", name, DISC * 3)  # any nonzero number
     files = find_masks(tmp_path / "masks", (photo,))
-    assert np.array_equal(Masks(files).of(photo, None, None, None), DISC)
+    assert np.array_equal(read_mask(files["a.png"], photo), DISC)
 
 
 def test_masks_that_do_not_fit_are_refused(tmp_path, photo):
@@ -65,32 +61,11 @@ def test_a_mask_of_the_upright_picture_is_turned(tmp_path, photo, orientation, t
         assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
 
 
-def test_the_target_is_cut_out_by_its_colour(photo, camera):
-    pose = load_pycolmap().Rigid3d()
-    box_m = np.array([(-0.25, -0.25, 0.95), (0.35, 0.25, 1.05)])
-    for box in (box_m, None):
-        mask = Masks(by_colour=True).of(photo, camera, pose, box)
-        assert (mask & DISC).sum() / (mask | DISC).sum() > 0.93
-    assert Masks().of(photo, camera, pose, box_m) is None
-
-
 def test_a_mask_of_a_picture_upside_down_fits_its_stored_pixels(tmp_path, photo, capsys):
     turned = Photo(photo.path, photo.name, WIDTH, HEIGHT, orientation=3)
     write(tmp_path / "masks", "a.png", DISC)
     find_masks(tmp_path / "masks", (turned,))
     assert "a.png: EXIF says that it is upside down; its mask must" in capsys.readouterr().err
-
-
-def test_nothing_is_cut_out_of_an_even_picture_or_where_the_box_is_all_around(
-    tmp_path, capsys, camera, photo
-):
-    cv2.imwrite(str(tmp_path / "plain.png"), np.full((HEIGHT, WIDTH, 3), 90, dtype=np.uint8))
-    plain = Photo(tmp_path / "plain.png", "plain.png", WIDTH, HEIGHT)
-    assert Masks(by_colour=True).of(plain, camera, load_pycolmap().Rigid3d(), None) is None
-    assert "plain.png: the target cannot be separated" in capsys.readouterr().err
-    around_m = np.array([(-1.0, -1.0, -1.0), (1.0, 1.0, 1.0)])
-    assert Masks(by_colour=True).of(photo, camera, load_pycolmap().Rigid3d(), around_m) is None
-    assert "a.png: the target cannot be separated" in capsys.readouterr().err
 
 
 def test_a_view_is_unknown_outside_the_mask(photo, camera):
