@@ -38,7 +38,6 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
-    chosen = chosen.shifted(-solved.origin_m)
     plane = board_plane(Path(photos), chosen.board, solved)
     bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
@@ -46,11 +45,11 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
         bounds = narrow_volume(
             bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
         )
-    say(bounds.shifted(solved.origin_m).describe())
+    say(bounds.describe())
     cloud = clean(_fused(registered, solved, chosen, bounds.box(), chosen.effort))
     warn_of_cuts(bounds, cloud, plane)
-    cloud.shifted(solved.origin_m).save(folder / CLOUD)
-    write_json(folder / VOLUME, vars(bounds.shifted(solved.origin_m)))
+    cloud.save(folder / CLOUD)
+    write_json(folder / VOLUME, vars(bounds))
 
 
 def coarser(shrink: int, cameras: Iterable[Camera]) -> int:

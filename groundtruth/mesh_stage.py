@@ -40,14 +40,13 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense:
     the sparse and the dense stage wrote.
     """
     chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
-    found = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage"))
-    box_m = found.shifted(-solved.origin_m).box()
+    box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
     plane = (
         board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
     )
-    cloud = Cloud.load(Path(dense) / CLOUD).shifted(-solved.origin_m)
+    cloud = Cloud.load(Path(dense) / CLOUD)
     made, target = measured_surface(cloud, solved, chosen.components, plane, box_m)
-    made.shifted(solved.origin_m).save(folder / MESH)
+    made.save(folder / MESH)
     write_json(folder / TARGET, vars(target))
     _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 

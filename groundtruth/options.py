@@ -1,12 +1,12 @@
 """Options of the command `handbench groundtruth`, which reconstructs a mesh from photographs."""
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
-from handbench.support.config import Config, FileName
+from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
 Quality = Literal["draft", "normal", "high"]
@@ -42,46 +42,32 @@ def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[flo
     return seconds, BASE_BYTES + MEGAPIXEL_BYTES * megapixels
 
 
-class Distance(Config):
-    """A measured distance in metres between the projection centres of two photographs, given by
-    name."""
-
-    first: FileName
-    second: FileName
-    distance_m: float = Field(gt=0, le=100)
-
-
 class SparseOptions(Config):
     """Options for finding the cameras' poses and the metric scale.
 
     cameras: known cameras, as a cameras.json, a COLMAP model's folder or Metashape's XML (default:
     the cameras.json in the photographs' folder, if any). If all have poses, these are used
-    unchanged. refine_poses: let the bundle adjustment change known poses.
+    unchanged.
 
     intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
-    distortion. refine_distortion: estimate distortion in addition to given intrinsics.
-    shared_intrinsics: how many unknown lenses are estimated: one for all photographs of a size
-    (True), one for each photograph (False), or one for each camera, distinguished by EXIF data or
-    picture size (None).
+    distortion. shared_intrinsics: how many unknown lenses are estimated: one for all photographs of
+    a size (True), one for each photograph (False), or one for each camera, distinguished by EXIF
+    data or picture size (None).
 
     model: a COLMAP model of these photographs, used instead of structure from motion; if it has no
     points, they are triangulated. metric: True if the poses of a COLMAP model, given as `model` or
     `cameras`, are in metres.
 
     board: file that describes the board (default: the board.toml in the photographs' folder, if
-    any). distances: measured distances between cameras, which give the scale. unscaled: go on
-    without a metric scale. seed: of random numbers.
+    any). unscaled: go on without a metric scale. seed: of random numbers.
     """
 
     cameras: Path | None = None
     intrinsics: tuple[float, float, float, float] | None = None
-    refine_distortion: bool = False
     shared_intrinsics: bool | None = None
     model: Path | None = None
-    refine_poses: bool = False
     metric: bool = False
     board: Path | None = None
-    distances: tuple[Distance, ...] = ()
     unscaled: bool = False
     seed: int = Field(default=0, ge=0, lt=2**31)
 
@@ -96,13 +82,6 @@ class Region(Config):
 
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
-
-    def shifted(self, by_m: np.ndarray) -> Self:
-        """Return the options with the box moved by by_m [3], metres, for a frame with another
-        origin."""
-        if self.box_m is None:
-            return self
-        return self.model_copy(update={"box_m": tuple((self.box_m + np.tile(by_m, 2)).tolist())})
 
     def box(self) -> np.ndarray | None:
         """Return the lowest and highest corner [2, 3] of the box; None if no box is given. Raises

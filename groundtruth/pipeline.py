@@ -26,7 +26,7 @@ from handbench.groundtruth.options import (
     Options,
     SparseOptions,
 )
-from handbench.groundtruth.sparse.frame import Scale, shift
+from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.inputs import content, resolve
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
@@ -123,7 +123,6 @@ def reconstruct(
             read_surface(made / MESH),
         )
         count = len(read_json(solved / PHOTOGRAPHS, "a sparse stage's photographs"))
-        shift(sparse.model, sparse.origin_m)
         error_px = sparse.model.compute_mean_reprojection_error()
         volume = Volume(**read_json(fused / VOLUME, "the volume of a dense stage"))
         target = TargetParts(**read_json(made / TARGET, "the target of a mesh stage"))

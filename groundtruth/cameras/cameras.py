@@ -96,15 +96,6 @@ class Camera(Config):
         """Projection centre [3] in the world frame, metres."""
         return -self.rotation.T @ self.translation_m
 
-    def shifted(self, by_m: np.ndarray) -> "Camera":
-        """Return the camera with its position moved by by_m [3], metres, for a world frame with
-        another origin."""
-        if not self.posed or not by_m.any():
-            return self
-        return self.model_copy(
-            update={"t": tuple((self.translation_m - self.rotation @ by_m).tolist())}
-        )
-
     def colmap(self) -> "pycolmap.Camera":
         """Convert the intrinsics to a pycolmap camera. Raises HandbenchError if COLMAP does not
         know the lens model, or if the model has another number of parameters."""

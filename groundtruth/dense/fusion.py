@@ -46,11 +46,6 @@ class Cloud:
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
-    def shifted(self, by_m: np.ndarray) -> "Cloud":
-        """Return the cloud with all points moved by by_m [3], metres, for a frame with another
-        origin."""
-        return replace(self, points_m=self.points_m + by_m)
-
     def save(self, file: Path) -> None:
         """Write the cloud to an .npz file."""
         write_npz(file, **asdict(self))

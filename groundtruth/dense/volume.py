@@ -120,13 +120,6 @@ class Volume:
         limits."""
         return None if self.box_m is None else np.reshape(self.box_m, (2, 3))
 
-    def shifted(self, by_m: np.ndarray) -> "Volume":
-        """Return the volume with its box moved by by_m [3], metres, for a frame with another
-        origin."""
-        if self.box_m is None or not by_m.any():
-            return self
-        return Volume.found(np.reshape(self.box_m, (2, 3)) + by_m, self.source)
-
     def describe(self) -> str:
         """Describe the volume in one line: how it was found, and its limits."""
         size = "" if self.box_m is None else f": {', '.join(f'{side:.3f}' for side in self.box_m)}"

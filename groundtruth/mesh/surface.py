@@ -41,11 +41,6 @@ class Surface:
         """The triangles as an Open3D mesh."""
         return mesh(self.vertices_m, self.faces)
 
-    def shifted(self, by_m: np.ndarray) -> "Surface":
-        """Return the surface with all vertices moved by by_m [3], metres, for a frame with another
-        origin."""
-        return replace(self, vertices_m=self.vertices_m + by_m)
-
     def moved(self, transform: Transform) -> "Surface":
         """Return the surface in the transform's target frame. sigma_m is multiplied by the
         transform's scale; the transform's own uncertainty is not added."""

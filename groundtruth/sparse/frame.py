@@ -1,6 +1,6 @@
-"""The metric frame of a reconstruction, from a board of markers, known camera poses, or measured
-distances between cameras."""
+"""The metric frame of a reconstruction, from a board of markers or known camera poses."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil
 from typing import Literal
@@ -11,7 +11,6 @@ from handbench.calibration.transforms import MAJORITY, triples, umeyama
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
-from handbench.groundtruth.options import Distance
 from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
@@ -21,9 +20,7 @@ FAR_BETTER = 2.0
 FEWEST_FOR_MAJORITY = 8  # points; of fewer, three agree with a fourth and fifth by chance
 COLLINEAR = 0.02  # ratio of the second to the first extent below which points count as a line
 LARGEST_MISFIT = 0.03  # root mean square residual relative to the extent of the points
-DISAGREEMENT = 0.02  # largest share by which a measured distance may miss the fit
-# from the origin: single precision tells micrometres apart up to the first, double to the second
-NEAR_M, FARTHEST_M = 10.0, 1e8
+FARTHEST_M = 1e4  # of a camera from the origin: beyond, single precision has steps of a millimetre
 CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those in the others
 
 
@@ -31,42 +28,25 @@ CORNER_ERROR_PX = 2.0  # of a marker's corner in one photograph, against those i
 class Scale:
     """Source of the metric scale, and quality of its fit.
 
-    features: number of board corners, camera centres or distances that were compared. used: how
-    many of them remained after outliers were removed. residual_m: root mean square residual of
-    these after the fit (None: unknown).
+    features: number of board corners or camera centres that were compared. used: how many of them
+    remained after outliers were removed. residual_m: root mean square residual of these after the
+    fit (None: unknown).
     """
 
-    source: Literal["board", "distances", "poses", "model", "none"]
+    source: Literal["board", "poses", "model", "none"]
     features: int = 0
     used: int = 0
     residual_m: float | None = None
 
 
-def origin_near(centres_m: np.ndarray) -> np.ndarray:
-    """Choose an origin [3], in whole metres, from which single precision resolves micrometres.
-
-    centres_m [n, 3]: the cameras' centres. Returns zero if they are less than 10 m (NEAR_M) away
-    from the frame's origin, else a point near them. Raises HandbenchError for cameras so far away
-    that double precision does not suffice either.
-    """
-    if len(centres_m) == 0:
-        return np.zeros(3)
-    middle_m = np.median(centres_m, axis=0)
-    far_m = float(np.abs(middle_m).max())
+def require_near(cameras: Iterable[Camera]) -> None:
+    """Raise HandbenchError for a camera that is more than 10 km (FARTHEST_M) from the origin."""
+    far_m = max((np.abs(camera.centre_m).max() for camera in cameras if camera.posed), default=0.0)
     if not far_m <= FARTHEST_M:
         raise HandbenchError(
             f"cameras: are {far_m:.3g} m from the origin of their frame; expected at most "
-            f"{FARTHEST_M:g} m, where double precision still resolves micrometres; subtract one "
-            "position from all positions"
+            f"{FARTHEST_M:g} m; subtract one position from all positions"
         )
-    return middle_m.round() if far_m > NEAR_M else np.zeros(3)
-
-
-def shift(model: "pycolmap.Reconstruction", by_m: np.ndarray) -> None:
-    """Shift the points and cameras of a model by a vector by_m [3], in place. Zeros leave the model
-    bit-identical."""
-    if by_m.any():
-        apply(model, np.block([[np.eye(3), by_m[:, None]], [np.zeros(3), 1.0]]))
 
 
 def board_from_model(
@@ -115,49 +95,6 @@ def poses_from_model(
         source, target_m, "registered cameras with known poses"
     )
     return matrix, Scale("poses", len(kept), int(kept.sum()), _rms(residuals_m[kept]))
-
-
-def distances_from_model(
-    model: "pycolmap.Reconstruction", distances: tuple[Distance, ...]
-) -> tuple[np.ndarray, Scale]:
-    """Fit the scale of the reconstruction to measured distances between projection centres, by
-    least squares.
-
-    Returns a matrix [4, 4] that only scales, and the quality of the fit; its residual_m is None for
-    a single distance. Raises HandbenchError if a photograph is not registered, if two centres
-    coincide, or if a distance deviates from the fit by more than 2 %.
-    """
-    centre = {image.name: image.projection_center() for image in registered_images(model)}
-    given = option("--distance", "distances")
-    for distance in distances:
-        for name in (distance.first, distance.second):
-            if name not in centre:
-                raise HandbenchError(
-                    f"{given}: {name} is not one of the registered photographs "
-                    f"({', '.join(centre)}); name two of these"
-                )
-    length = np.array([np.linalg.norm(centre[d.first] - centre[d.second]) for d in distances])
-    known_m = np.array([d.distance_m for d in distances])
-    if not length.all():
-        raise HandbenchError(
-            f"{given}: two of these photographs were taken from the same point; measure between "
-            "two others"
-        )
-    scale = float(length @ known_m / (length @ length))
-    off_m = scale * length - known_m
-    worst = int(np.argmax(np.abs(off_m) / known_m))
-    if abs(off_m[worst]) > DISAGREEMENT * known_m[worst]:
-        d = distances[worst]
-        raise HandbenchError(
-            f"{given}: the distance from {d.first} to {d.second} is {d.distance_m} m, but all "
-            f"distances together give {scale * length[worst]:.4g} m; they must agree to "
-            f"{DISAGREEMENT:.0%}; measure between the entrance pupils of the lenses, and check "
-            "the names"
-        )
-    residual_m = float(np.sqrt(np.mean(off_m**2))) if len(distances) > 1 else None
-    return np.diag([scale, scale, scale, 1.0]), Scale(
-        "distances", len(distances), len(distances), residual_m
-    )
 
 
 def trimmed_similarity(

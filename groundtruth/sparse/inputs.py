@@ -1,6 +1,6 @@
 """Collection and checks of everything that a reconstruction needs, before its work starts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,9 +18,8 @@ from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
-from handbench.groundtruth.sparse.frame import origin_near
+from handbench.groundtruth.sparse.frame import require_near
 from handbench.support.caller import option
-from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
 from handbench.support.progress import track
@@ -32,10 +31,9 @@ Chosen = TypeVar("Chosen", bound=SparseOptions)
 class SparseInputs:
     """Inputs of the sparse stage, which registers the photographs.
 
-    cameras: known camera of each photograph (None: unknown). origin_m [3]: the cameras' positions
-    have been reduced by this vector, so that they are near the origin. board: the board's
-    description (None: no board). corners: pixels of the board's corners, by the photograph's name.
-    model: folder of a COLMAP model of the photographs (None: structure from motion makes one).
+    cameras: known camera of each photograph (None: unknown). board: the board's description (None:
+    no board). corners: pixels of the board's corners, by the photograph's name. model: folder of a
+    COLMAP model of the photographs (None: structure from motion makes one).
     """
 
     photos: tuple[Photo, ...]
@@ -43,7 +41,6 @@ class SparseInputs:
     board: Board | None
     corners: dict[str, Corners]
     model: Path | None = None
-    origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     @property
     def posed(self) -> bool:
@@ -108,8 +105,6 @@ def _completed(folder: Path, options: Chosen) -> tuple[tuple[Photo, ...], Chosen
     beside = {"cameras": folder / "cameras.json", "board": folder / "board.toml"}
     if options.intrinsics is not None:
         del beside["cameras"]
-    if options.distances:
-        del beside["board"]
     found = {
         key: path
         for key, path in beside.items()
@@ -142,45 +137,28 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
         None if options.cameras is None else cameras_of(photos, options.cameras, options.metric)
     )
     board = None if options.board is None else load_board(options.board)
-    names = [photo.name for photo in photos]
-    for name in (
-        name for distance in options.distances for name in (distance.first, distance.second)
-    ):
-        if name not in names:
-            raise HandbenchError(
-                f"distances: {name} is not one of the photographs used; {suggest(name, names)}"
-            )
     posed = sum(camera.posed for camera in cameras or ())
     metric = options.model is not None and options.metric
-    if not (options.board or options.distances or posed >= 3 or metric or options.unscaled):
+    if not (options.board or posed >= 3 or metric or options.unscaled):
         raise HandbenchError(
             f"{folder}: nothing gives the scale, neither a board.toml nor camera poses (R, t in "
-            f"cameras.json); add {option('--board')}, {option('--cameras')} or "
-            f"{option('--distance', 'distances')} ({option('--metric', 'metric=True')}, if a "
-            f"COLMAP model is in metres), or give {option('--unscaled', 'unscaled=True')} for a "
-            "mesh of arbitrary size"
+            f"cameras.json); add {option('--board')} or {option('--cameras')} "
+            f"({option('--metric', 'metric=True')}, if a COLMAP model is in metres), or give "
+            f"{option('--unscaled', 'unscaled=True')} for a mesh of arbitrary size"
         )
-    if options.refine_poses and options.model is None and posed < len(photos):
-        raise HandbenchError(
-            f"{option('--refine-poses')}: needs a pose (R, t) for each photograph, but some have "
-            f"none; add them in {option('--cameras')}"
-        )
+    require_near(cameras or ())
     corners: dict[str, Corners] = {}
     if board is not None:
         corners = require_board(
             {p.name: detect_corners(p, board) for p in track(photos, "markers")}, board
         )
-    centres_m = [camera.centre_m for camera in cameras or () if camera.posed]
-    origin_m = origin_near(np.array(centres_m))
-    if cameras is not None:
-        cameras = tuple(camera.shifted(-origin_m) for camera in cameras)
-    return SparseInputs(photos, cameras, board, corners, options.model, origin_m), options
+    return SparseInputs(photos, cameras, board, corners, options.model), options
 
 
 def _require_one(options: SparseOptions, first: str, second: str, advice: str) -> None:
     """Raise HandbenchError if two options that exclude each other are both given. first, second:
     names of the options; advice: end of the message."""
-    if all(getattr(options, name) not in (None, ()) for name in (first, second)):
+    if all(getattr(options, name) is not None for name in (first, second)):
         raise HandbenchError(
             f"{first}, {second}: both are given, but only one is allowed; {advice}"
         )
@@ -194,12 +172,6 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     """
     _require_one(options, "cameras", "intrinsics", "give the intrinsics only in one of them")
     _require_one(options, "model", "intrinsics", "leave out intrinsics, because the model has them")
-    _require_one(options, "board", "distances", "give the one that you trust more")
-    if options.refine_distortion and options.intrinsics is None:
-        raise HandbenchError(
-            f"{option('--refine-distortion')}: needs {option('--intrinsics')}, which is not "
-            "given; add it, or leave this option out"
-        )
     posed_by_colmap = options.model is not None or (
         options.cameras is not None and options.cameras.is_dir()
     )

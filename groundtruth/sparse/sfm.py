@@ -24,10 +24,9 @@ DATABASE = "database.db"
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 # longer side below which photographs are doubled in size, for features: others have enough of them
 SMALL_PX = 1200
-# longer side from which they are halved, where lenses are known and a board holds the cameras: most
-# of
+# longer side from which they are halved, where lenses are known and a board holds the cameras: at
+# full size, COLMAP drops most of the features for their number, after most of the work
 LARGE_PX = 2000
-# the features at their full size are dropped for their number, after most of the work
 # least contrast of a feature of the halved ones, against 0.0067: smooth skin has hardly any other
 FAINT = 0.004
 ATTEMPTS = 4  # with another seed each, while less than half of the photographs register
@@ -41,8 +40,8 @@ class Lenses:
     """Knowledge of the lenses before registration.
 
     cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of the one
-    camera that took all photographs, held fixed, without distortion unless free_distortion is True.
-    focal_px: focal length of each photograph by its name, used if nothing else is known.
+    camera that took all photographs, held fixed, without distortion. focal_px: focal length of each
+    photograph by its name, used if nothing else is known.
 
     shared: how many unknown lenses there are: one for all photographs of a size (True), one for
     each photograph (False), or one for each camera, distinguished by EXIF data or, without them,
@@ -51,16 +50,13 @@ class Lenses:
 
     cameras: tuple[Camera, ...] | None = None
     intrinsics: tuple[float, float, float, float] | None = None
-    free_distortion: bool = False
     focal_px: dict[str, float] | None = None
     shared: bool | None = None
 
     @property
     def known(self) -> bool:
         """True if all intrinsics, distortion included, are known."""
-        return self.cameras is not None or (
-            self.intrinsics is not None and not self.free_distortion
-        )
+        return self.cameras is not None or self.intrinsics is not None
 
     def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
         """Group the names of the photographs by the lens that they share."""
@@ -79,9 +75,8 @@ class Lenses:
             return next(camera.colmap() for camera in self.cameras if camera.name == name)
         if self.intrinsics is None:
             return None
-        model, rest = ("OPENCV", (0.0,) * 4) if self.free_distortion else ("PINHOLE", ())
         return Camera(
-            name=name, width=width, height=height, model=model, params=(*self.intrinsics, *rest)
+            name=name, width=width, height=height, model="PINHOLE", params=self.intrinsics
         ).colmap()
 
 
@@ -228,7 +223,7 @@ def structure_from_motion(
         options = pipeline_options(seed + attempt)
         options.min_model_size, options.multiple_models = FEWEST, False
         options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
-        free_focal = not (lenses.known or lenses.intrinsics or lenses.focal_px)
+        free_focal = not (lenses.known or lenses.focal_px)
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
         options.ba_refine_extra_params = (
             options.mapper.abs_pose_refine_extra_params
@@ -301,35 +296,3 @@ def triangulate_known_poses(
 
 def _pose(camera: Camera) -> "pycolmap.Rigid3d":
     return pycolmap.Rigid3d(pycolmap.Rotation3d(camera.rotation), camera.translation_m)
-
-
-def camera_changes(
-    model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compare the cameras of a model with given cameras of the same names. Returns the distances
-    [n] between their centres, in the model's unit, and the angles [n] between their rotations,
-    radians."""
-    given = {camera.name: camera for camera in cameras}
-    pairs = [
-        (image, given[image.name]) for image in registered_images(model) if image.name in given
-    ]
-    moved = np.array(
-        [np.linalg.norm(image.projection_center() - camera.centre_m) for image, camera in pairs]
-    )
-    turned_rad = [
-        image.cam_from_world().rotation.angle_to(_pose(camera).rotation) for image, camera in pairs
-    ]
-    return moved, np.array(turned_rad)
-
-
-def describe_refinement(model: "pycolmap.Reconstruction", cameras: tuple[Camera, ...]) -> str:
-    """Describe in one line how far the cameras of a refined model have moved and turned from the
-    given ones."""
-    moved, turned_rad = camera_changes(model, cameras)
-    turned_deg = np.degrees(turned_rad)
-    return (
-        f"refined: the given cameras moved by {moved.mean():.3g} (at most {moved.max():.3g}; "
-        "metres, or their model's "
-        f"unit) and turned by {turned_deg.mean():.2g}° (at most {turned_deg.max():.2g}°); "
-        f"{model.compute_mean_reprojection_error():.2f} px are left"
-    )

@@ -4,7 +4,7 @@ cameras."""
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,17 +19,13 @@ from handbench.groundtruth.sparse.frame import (
     Scale,
     apply,
     board_from_model,
-    distances_from_model,
-    origin_near,
     poses_from_model,
-    shift,
+    require_near,
 )
 from handbench.groundtruth.sparse.inputs import SparseInputs
 from handbench.groundtruth.sparse.sfm import (
     DATABASE,
     Lenses,
-    camera_changes,
-    describe_refinement,
     scales_px,
     structure_from_motion,
     triangulate_known_poses,
@@ -38,10 +34,9 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from handbench.support.progress import say
 
-SCALE, ORIGIN, COVARIANCE = "scale.json", "origin.json", "covariance.npz"
+SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
-# places among the parameters of COLMAP's camera OPENCV
-DISTORTION, INTRINSICS = ((4, 5, 6, 7), tuple(range(8)))
+INTRINSICS = tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
 
 
 @dataclass(frozen=True)
@@ -49,21 +44,17 @@ class Sparse:
     """Result of the sparse stage.
 
     model: COLMAP model with the registered cameras and the points. scale: where its metric scale
-    comes from. known: joint covariance of its cameras. origin_m [3]: position of the model's origin
-    in the mesh's frame. It is zero unless the cameras are far from the mesh's origin (coordinates
-    of a survey), where libraries of single precision would not resolve the surface.
+    comes from. known: joint covariance of its cameras.
     """
 
     model: pycolmap.Reconstruction
     scale: Scale
     known: CameraCovariance
-    origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def save(self, folder: Path) -> None:
-        """Write model, scale, origin and covariance into a folder."""
+        """Write model, scale and covariance into a folder."""
         write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
-        write_json(folder / ORIGIN, self.origin_m.tolist())
         self.known.save(folder / COVARIANCE)
 
     @classmethod
@@ -71,8 +62,7 @@ class Sparse:
         """Read a result from a folder into which `save` wrote it."""
         model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
-        origin_m = np.array(read_json(folder / ORIGIN, "a sparse stage's origin"))
-        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE), origin_m)
+        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
 
     def cameras(self) -> tuple[Camera, ...]:
         """Return the cameras of the registered photographs, with lens and pose, sorted by name."""
@@ -84,18 +74,15 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
     points to the metric frame.
 
     A bundle adjustment, which includes the board's corners, improves cameras and points; given
-    poses stay unchanged unless options.refine_poses is set. Returns the model with the covariance
-    of its cameras. Raises HandbenchError if the cameras hardly moved between photographs, or if
-    nothing gives a consistent scale.
+    poses stay unchanged. Returns the model with the covariance of its cameras. Raises
+    HandbenchError if the cameras hardly moved between photographs, if they are more than 10 km from
+    the origin, or if nothing gives a consistent scale.
     """
-    origin_m = inputs.origin_m
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
         database = Path(scratch) / DATABASE
         scales = scales_px(database) if database.exists() else {}
-    if inputs.model is not None:
-        origin_m = origin_near(np.array([camera.centre_m for camera in cameras_in(model)]))
-        shift(model, -origin_m)
+    require_near(cameras_in(model))
     warn_of_unregistered(inputs.photos, model)
     check_geometry(model)
     board = inputs.board
@@ -106,19 +93,13 @@ def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
         scales,
     )
     if board is not None:
-        scale, origin_m = _to_metric_frame(model, inputs, options, origin_m)
+        scale = _to_metric_frame(model, inputs, options)
     # given poses are not adjusted
-    given = inputs.posed or (board is None and inputs.model is not None)
-    if options.refine_poses or not given:
-        before = cameras_in(model)
+    if not (inputs.posed or (board is None and inputs.model is not None)):
         adjust(model, *seen)
-        if options.refine_poses:  # it stays in the frame of the given cameras
-            if board is None:
-                apply(model, poses_from_model(model, before)[0])
-            say(describe_refinement(model, before))
     if board is None:
-        scale, origin_m = _to_metric_frame(model, inputs, options, origin_m)
-    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale), origin_m)
+        scale = _to_metric_frame(model, inputs, options)
+    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
 
 
 def warn_of_unregistered(
@@ -177,7 +158,7 @@ def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycol
     if inputs.posed and inputs.cameras is not None:
         return triangulate_known_poses(inputs.photos, inputs.cameras, scratch, options.seed)
     found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
-    lenses = Lenses(inputs.cameras, options.intrinsics, options.refine_distortion, found_px, shared)
+    lenses = Lenses(inputs.cameras, options.intrinsics, found_px, shared)
     return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
 
 
@@ -187,9 +168,7 @@ def _free(
     """Return the indices of the intrinsics to estimate among the parameters of COLMAP's lens model
     OPENCV; empty if all intrinsics are known. The model's cameras of the lens model RADIAL are
     converted to OPENCV, in place."""
-    if inputs.cameras is not None or inputs.model is not None:
-        return ()
-    if options.intrinsics is not None and not options.refine_distortion:
+    if any(known is not None for known in (inputs.cameras, inputs.model, options.intrinsics)):
         return ()
     for camera in model.cameras.values():
         # one focal length and radial distortion only: initial values of the other parameters
@@ -199,36 +178,23 @@ def _free(
                 pycolmap.CameraModelId.OPENCV,
                 [f, f, cx, cy, k1, k2, 0, 0],
             )
-    return DISTORTION if options.intrinsics is not None else INTRINSICS
+    return INTRINSICS
 
 
 def _to_metric_frame(
-    model: pycolmap.Reconstruction,
-    inputs: SparseInputs,
-    options: SparseOptions,
-    origin_m: np.ndarray,
-) -> tuple[Scale, np.ndarray]:
-    """Transform a model to the metric frame, in place.
-
-    origin_m [3]: position of the model's origin in the frame that its poses were given in. Returns
-    the source of the scale, and the position [3] of the model's origin in the metric frame.
-    """
+    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
+) -> Scale:
+    """Transform a model to the metric frame, in place, and return the source of the scale."""
     if inputs.board is not None:
         matrix, scale = board_from_model(model, inputs.corners, inputs.board)
-        origin_m = np.zeros(3)
-    elif options.distances:
-        matrix, scale = distances_from_model(model, options.distances)
-        origin_m = matrix[:3, :3] @ origin_m
     elif inputs.model is not None and options.metric:
-        return Scale("model"), origin_m
-    elif inputs.posed and inputs.cameras is not None and not options.unscaled:
-        moved_m = camera_changes(model, inputs.cameras)[0]
-        rms_m = float(np.sqrt(np.mean(moved_m**2))) if options.refine_poses else 0.0
-        return Scale("poses", len(moved_m), len(moved_m), rms_m), origin_m
-    elif not options.unscaled:
-        matrix, scale = poses_from_model(model, inputs.cameras or ())
-        origin_m = inputs.origin_m
+        return Scale("model")
+    elif options.unscaled:
+        return Scale("none")
+    elif inputs.posed:
+        count = len(registered_images(model))
+        return Scale("poses", count, count, 0.0)
     else:
-        return Scale("none"), origin_m
+        matrix, scale = poses_from_model(model, inputs.cameras or ())
     apply(model, matrix)
-    return scale, origin_m
+    return scale

@@ -78,17 +78,4 @@ def _values(options: argparse.Namespace) -> dict[str, Any]:
     } | {
         "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
         "box_m": numbers(options.box, 6, "--box"),
-        "distances": tuple(_distance(text) for text in options.distances),
     }
-
-
-def _distance(text: str) -> dict[str, Any]:
-    parts = text.split(",")
-    try:
-        first, second, metres = (part.strip() for part in parts)
-        return {"first": first, "second": second, "distance_m": float(metres)}
-    except ValueError:
-        raise HandbenchError(
-            f"--distance: is '{text}'; expected two photographs and the metres between their "
-            "cameras, as in A.jpg,B.jpg,0.350"
-        ) from None

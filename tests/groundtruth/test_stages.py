@@ -10,7 +10,7 @@ import pytest
 from handbench.cli.main import main
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.options import Distance, Options
+from handbench.groundtruth.options import Options
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.errors import HandbenchError
@@ -33,7 +33,6 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
         "board": Path("b"),
         "masks": Path("m"),
         "intrinsics": (1, 1, 1, 1),
-        "distances": (Distance(first="a", second="b", distance_m=1),),
         "box_m": (0, 0, 0, 1, 1, 1),
         "quality": "draft",
         "dense": "cuda",

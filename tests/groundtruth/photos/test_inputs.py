@@ -1,12 +1,14 @@
 """Inputs that the command accepts and refuses."""
 
+from contextlib import nullcontext
+
 import pytest
 from PIL import Image
 
 from handbench.cli.groundtruth import _values
 from handbench.cli.main import parser
 from handbench.groundtruth.cameras.cameras import save_cameras
-from handbench.groundtruth.options import Distance, Options
+from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.inputs import gather, resolve
 from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
@@ -22,25 +24,12 @@ def options_of(*arguments):
 
 
 def test_the_commands_arguments_reach_the_options():
-    distances = ("--distance", "a.jpg,b.jpg,0.35", "--distance", "b.jpg, c.jpg, 0.5")
-    given = options_of(*distances, "--model", "m", "--metric", "--box=-1,0,0,1,1,1")
-    pairs = [tuple(distance.model_dump().values()) for distance in given.distances]
-    assert pairs == [("a.jpg", "b.jpg", 0.35), ("b.jpg", "c.jpg", 0.5)]
+    given = options_of("--model", "m", "--metric", "--box=-1,0,0,1,1,1")
     assert given.metric and str(given.model) == "m"
     assert given.box_m == (-1, 0, 0, 1, 1, 1)
-    for text, words in (
-        ("a,b", r"--distance: is 'a,b'; expected .*A\.jpg,B\.jpg,0\.350"),
-        ("a,b,-1", r"distance_m.*greater than 0"),
-    ):
-        with pytest.raises(HandbenchError, match=words):
-            options_of("--distance", text)
 
 
 K = (440, 440, 200, 150)
-
-
-def between(first, second):
-    return {"distances": (Distance(first=first, second=second, distance_m=1),)}
 
 
 @pytest.mark.parametrize(
@@ -48,16 +37,10 @@ def between(first, second):
     [
         ({"model": "m", "intrinsics": K}, "model, intrinsics: both are given, but"),
         ({"metric": True}, "metric: is only for a COLMAP model"),
-        (
-            between("p0.png", "p7.png"),
-            r"distances: p7\.png is not one of the photographs used; did",
-        ),
         ({}, r"nothing gives the scale.*unscaled=True"),
         ({"model": "m"}, "nothing gives the scale.*metric=True"),
         ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
         ({"unscaled": True, "box_m": (0, 0, 1, 1, 1, 0)}, "box_m"),
-        ({"unscaled": True, "refine_distortion": True}, "refine_distortion: needs intrinsics"),
-        ({"unscaled": True, "refine_poses": True}, "refine_poses: needs a pose"),
         ({"unscaled": True, "intrinsics": K}, r"different sizes \(320 × 240, 400 × 300\)"),
     ],
 )
@@ -69,12 +52,11 @@ def test_what_cannot_go_together_is_refused(tmp_path, given, words):
         gather(tmp_path, resolve(tmp_path, parse(Options, given, "test"))[1])
 
 
-def test_a_distance_or_a_metric_model_is_enough(tmp_path):
+def test_a_metric_model_is_enough(tmp_path):
     photograph(tmp_path)
     folder = tmp_path / "model"
     folder.mkdir()
     exact_model(around(4)).write_binary(folder)
-    assert gather(tmp_path, Options(**between("p0.png", "p1.png")))[0].model is None
     by_model, _ = gather(tmp_path, Options(model=folder, metric=True))
     by_poses, _ = gather(tmp_path, Options(cameras=folder, metric=True))
     assert by_model.model == folder and by_poses.posed
@@ -93,6 +75,16 @@ def test_the_poses_of_three_photographs_give_the_scale(tmp_path):
     save_cameras(tmp_path / "cameras.json", tuple(cameras))
     with pytest.raises(HandbenchError, match="nothing gives the scale"):
         gather(tmp_path, Options())
+
+
+def test_cameras_far_from_the_origin_are_refused(tmp_path):
+    photograph(tmp_path)
+    cameras = [true_camera(f"p{k}.png", centre_m) for k, centre_m in enumerate(around(4))]
+    for off_m, refused in ((9e3, False), (1.1e4, True)):
+        moved = [c.model_copy(update={"t": (*c.t[:2], c.t[2] + off_m)}) for c in cameras]
+        save_cameras(tmp_path / "cameras.json", tuple(moved))
+        with pytest.raises(HandbenchError, match="subtract") if refused else nullcontext():
+            gather(tmp_path, Options())
 
 
 def test_photographs_without_overlap_end_in_a_sentence(tmp_path):

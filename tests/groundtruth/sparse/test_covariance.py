@@ -70,7 +70,7 @@ def test_known_poses_hold_the_frame_to_what_they_miss():
     for image, slope in zip(bundle.images, by_tau, strict=True):
         mean[:, known.places[image.name][:3]] = slope
     np.testing.assert_allclose(mean @ known.matrix @ mean.T, 2e-3**2 / 5 * np.eye(3), atol=1e-10)
-    free = camera_covariance(bundle, Scale("distances", 2, 2, 2e-3))
+    free = camera_covariance(bundle, Scale("model"))
     assert np.trace(free.matrix) < np.trace(known.matrix)
 
 

@@ -1,5 +1,4 @@
-"""The metric frame: markers in a picture, one similarity to the whole board; or the scale from
-distances between cameras."""
+"""The metric frame: markers in a picture, one similarity to the whole board."""
 
 import cv2
 import numpy as np
@@ -7,17 +6,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.markers import detect_corners
-from handbench.groundtruth.options import Distance
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import (
     apply,
     board_from_model,
     check_fit,
-    distances_from_model,
     trimmed_similarity,
 )
 from handbench.support.errors import HandbenchError
-from tests.groundtruth.noisy_model import board_of, exact_model, noisy_model, poses_of
+from tests.groundtruth.noisy_model import board_of, noisy_model, poses_of
 
 
 @pytest.mark.parametrize(
@@ -89,39 +86,3 @@ def test_a_misfit_of_three_per_cent_is_the_last_that_passes():
         HandbenchError, match=r"board corners are 30\.4 mm off after the best fit, 3%"
     ):
         check_fit(0.0304, 1.0, "board corners")
-
-
-# 0.3, 0.4 and 0.5 apart
-APART_M = [(1.0, 0.0, 0.2), (1.0, 0.3, 0.2), (1.0, 0.3, 0.6), (0.9, -0.2, 0.1)]
-
-
-def pair(a, b, metres):
-    return Distance(first=f"p{a}.png", second=f"p{b}.png", distance_m=metres)
-
-
-def test_one_distance_scales_and_leaves_the_frame():
-    matrix, scale = distances_from_model(exact_model(APART_M), (pair(0, 2, 1.25),))
-    np.testing.assert_allclose(matrix, np.diag([2.5, 2.5, 2.5, 1]))
-    assert (scale.source, scale.features, scale.used, scale.residual_m) == ("distances", 1, 1, None)
-
-
-def test_several_are_balanced_and_their_residual_reported():
-    """(0.3 · 0.304 + 0.4 · 0.397)/0.25 is 1, and the residuals are −4 and 3 mm."""
-    matrix, scale = distances_from_model(
-        exact_model(APART_M), (pair(0, 1, 0.304), pair(1, 2, 0.397))
-    )
-    assert matrix[0, 0] == pytest.approx(1)
-    assert scale.residual_m == pytest.approx(5e-3 / 2**0.5)
-
-
-@pytest.mark.parametrize(
-    ("pairs", "words"),
-    [
-        ([(0, 9, 1.0)], r"p9\.png is not one of the registered photographs \(p0\.png, p1"),
-        ([(0, 1, 0.3), (1, 2, 0.45)], r"p0\.png to p1\.png is 0\.3 m.*agree to 2%"),
-        ([(0, 0, 0.3)], "taken from the same point"),
-    ],
-)
-def test_what_cannot_be_is_refused(pairs, words):
-    with pytest.raises(HandbenchError, match=words):
-        distances_from_model(exact_model(APART_M), tuple(pair(*each) for each in pairs))

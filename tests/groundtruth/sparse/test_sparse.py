@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from handbench.groundtruth.cameras.camera_files import cameras_in, write_model
-from handbench.groundtruth.options import Distance, SparseOptions
+from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.frame import apply
 from handbench.groundtruth.sparse.inputs import SparseInputs
@@ -36,10 +36,9 @@ def test_cameras_that_hardly_moved_are_refused():
     check_geometry(exact_model([(1, 0.045 * i / 3, 0.2) for i in range(4)]))
 
 
-@pytest.mark.parametrize("source", ["board", "distances", "model"])
+@pytest.mark.parametrize("source", ["board", "model"])
 def test_cameras_are_in_metres_by_what_gives_the_scale(tmp_path, source):
-    """Of a COLMAP model in another frame and unit: the board's frame, one measured distance, or, of
-    a model in metres, nothing."""
+    """Of a COLMAP model in another frame and unit: the board; of a model in metres, nothing."""
     scene = noisy_model(noise=0, off=0, shared=True)
     true_m = np.array([camera.centre_m for camera in cameras_in(scene.model)])
     if source != "model":
@@ -52,15 +51,8 @@ def test_cameras_are_in_metres_by_what_gives_the_scale(tmp_path, source):
     options, board, corners = SparseOptions(metric=source == "model"), None, {}
     if source == "board":
         board, corners = board_of(scene.corners_m), scene.corners
-    if source == "distances":
-        apart_m = float(np.linalg.norm(true_m[0] - true_m[4]))
-        distance = Distance(first="p0.png", second="p4.png", distance_m=apart_m)
-        options = SparseOptions(distances=(distance,))
     photos = find_photos(tmp_path)
     found = register(SparseInputs(photos, None, board, corners, tmp_path / "model"), options)
-    found_m = np.array([found.origin_m + camera.centre_m for camera in found.cameras()])
+    found_m = np.array([camera.centre_m for camera in found.cameras()])
     assert found.scale.source == source
-    if source != "distances":
-        np.testing.assert_allclose(found_m, true_m, atol=1e-7)
-    sides_m = (np.linalg.norm(m[:, None] - m, axis=2) for m in (found_m, true_m))
-    np.testing.assert_allclose(*sides_m, atol=1e-7)
+    np.testing.assert_allclose(found_m, true_m, atol=1e-7)

@@ -6,7 +6,6 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.cameras.camera_files import read_model
 from handbench.groundtruth.cameras.cameras import load_cameras, registered_images, save_cameras
 from handbench.groundtruth.options import SparseOptions
@@ -45,15 +44,6 @@ def photos(taken, tmp_path):
     return shutil.copytree(taken, tmp_path / "photos")
 
 
-def _off_m(cameras, true):
-    """Mean distance of the cameras' centres from the true ones after one similarity."""
-    centres_m, true_m = (
-        np.array([c.centre_m for c in each]) for each in (cameras, [true[c.name] for c in cameras])
-    )
-    matrix = umeyama(centres_m, true_m, with_scale=True)
-    return np.linalg.norm(centres_m @ matrix[:3, :3].T + matrix[:3, 3] - true_m, axis=1).mean()
-
-
 def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, taken):
     given = load_cameras(taken / "cameras.json")
     assert (
@@ -66,30 +56,6 @@ def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, 
     assert len(points_m) > 1000 and found.model.compute_mean_reprojection_error() < 0.3
     off_m = np.abs(points_m).min(axis=1)  # the room's planes are x = 0, y = 0, z = 0
     assert np.median(off_m) < 5e-4 and np.quantile(off_m, 0.9) < 3e-3
-
-
-@pytest.mark.slow
-def test_refined_poses_come_nearer_to_the_truth_and_the_change_is_reported(photos, capsys):
-    true = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
-    random = np.random.default_rng(0)
-    given = tuple(
-        c.model_copy(update={"t": tuple(c.translation_m + random.normal(0, 2e-3, 3))})
-        for c in true.values()
-    )
-    save_cameras(photos / "moved.json", given)
-    held = solved(photos, cameras=photos / "moved.json")
-    assert [camera.t for camera in held.cameras()] == [camera.t for camera in given]
-    refined = solved(photos, cameras=photos / "moved.json", refine_poses=True)
-    printed = [
-        line for line in capsys.readouterr().err.splitlines() if line.startswith("refined: ")
-    ]
-    assert len(printed) == 1 and "the given cameras moved by" in printed[0]
-    assert (
-        refined.model.compute_mean_reprojection_error()
-        < 0.5 * held.model.compute_mean_reprojection_error()
-    )
-    assert _off_m(refined.cameras(), true) < 0.2 * _off_m(given, true)
-    assert 0 < refined.scale.residual_m < 6e-3
 
 
 def test_a_model_without_points_is_completed(found, photos):
@@ -121,10 +87,7 @@ def test_wrong_poses_are_refused(photos):
 
 
 @pytest.mark.slow
-def test_a_distortion_that_was_not_asked_for_stays_zero(photos):
+def test_given_intrinsics_stay(photos):
     K = (440.1, 440.2, 200.3, 150.4)
     held = solved(photos, intrinsics=K, unscaled=True)
     assert {tuple(camera.params) for camera in held.cameras()} == {K}
-    free = solved(photos, intrinsics=K, refine_distortion=True, unscaled=True)
-    [params] = {tuple(camera.params) for camera in free.cameras()}
-    assert params[:4] == K and all(params[4:])
