@@ -14,15 +14,9 @@ from handbench.groundtruth.dense.volume import Plane, Volume, board_plane
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.poisson import surface
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import (
-    Components,
-    TargetParts,
-    keep_target,
-    margin_m,
-    remove_board,
-)
+from handbench.groundtruth.mesh.target import TargetParts, keep_target, margin_m, remove_board
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
-from handbench.groundtruth.options import MeshOptions
+from handbench.groundtruth.options import Region
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
@@ -36,41 +30,32 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense:
 
     Three files are written into `folder`: the surface (mesh.ply), the description of its kept and
     removed parts (target.json), and a photograph cropped to the reconstructed box (view.jpg).
-    photos: folder of the photographs. options: fields of MeshOptions. sparse, dense: folders that
+    photos: folder of the photographs. options: fields of Region. sparse, dense: folders that
     the sparse and the dense stage wrote.
     """
-    chosen, solved = parse(MeshOptions, options, "groundtruth"), Sparse.load(Path(sparse))
+    chosen, solved = parse(Region, options, "groundtruth"), Sparse.load(Path(sparse))
     box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
-    plane = (
-        board_plane(Path(photos), chosen.board, solved) if chosen.components == "target" else None
-    )
+    plane = board_plane(Path(photos), chosen.board, solved)
     cloud = Cloud.load(Path(dense) / CLOUD)
-    made, target = measured_surface(cloud, solved, chosen.components, plane, box_m)
+    made, target = measured_surface(cloud, solved, plane, box_m)
     made.save(folder / MESH)
     write_json(folder / TARGET, vars(target))
     _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
 
 
 def measured_surface(
-    cloud: Cloud,
-    sparse: Sparse,
-    components: Components,
-    plane: Plane | None,
-    box_m: np.ndarray | None,
+    cloud: Cloud, sparse: Sparse, plane: Plane | None, box_m: np.ndarray | None
 ) -> tuple[Surface, TargetParts]:
-    """Reconstruct the surface of a cloud, keep the wanted parts, and compute the standard deviation
-    of each vertex.
+    """Reconstruct the surface of a cloud, keep the target's parts, and compute the standard
+    deviation of each vertex.
 
-    components: which connected parts to keep. plane: of the board, whose points are removed (None:
-    no board). box_m [2, 3]: the surface outside is removed. Returns the surface, and a description
-    of the kept and removed parts.
+    plane: of the board, whose points are removed (None: no board). box_m [2, 3]: the surface
+    outside is removed. Returns the surface, and a description of the kept and removed parts.
     """
     count = len(cloud.points_m)
     cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
-    target = keep_target(
-        mesh, components, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m)
-    )
+    target = keep_target(mesh, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
     target = replace(target, on_board=1 - len(cloud.points_m) / count)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(

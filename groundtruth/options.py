@@ -116,17 +116,7 @@ class DenseOptions(Region):
         return EFFORT[self.quality]
 
 
-class MeshOptions(Region):
-    """Options of the surface.
-
-    components: the connected parts to keep. "target" keeps the parts that rise above the board's
-    plane on the cameras' side or, without a board, all but tiny parts.
-    """
-
-    components: Literal["target", "largest", "all"] = "target"
-
-
-class Options(SparseOptions, DenseOptions, MeshOptions):
+class Options(SparseOptions, DenseOptions):
     """Options of a whole reconstruction: the union of its three stages' options, of which each
     stage receives only its own."""
 

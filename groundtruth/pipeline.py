@@ -22,8 +22,8 @@ from handbench.groundtruth.mesh_stage import MESH, TARGET
 from handbench.groundtruth.options import (
     EFFORT_SHARES,
     DenseOptions,
-    MeshOptions,
     Options,
+    Region,
     SparseOptions,
 )
 from handbench.groundtruth.sparse.frame import Scale
@@ -102,7 +102,7 @@ def stages(
 
     sparse = staged("sparse", sparse_stage.make, SparseOptions, [content])
     dense = staged("dense", dense_stage.make, DenseOptions, [sparse.key, masks], sparse)
-    return sparse, dense, staged("mesh", mesh_stage.make, MeshOptions, [dense.key], sparse, dense)
+    return sparse, dense, staged("mesh", mesh_stage.make, Region, [dense.key], sparse, dense)
 
 
 def reconstruct(

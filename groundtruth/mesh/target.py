@@ -1,7 +1,6 @@
 """Selection of the target among all surfaces in the photographs."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -16,8 +15,6 @@ OFF_PX = 6.0  # points nearer to the board's plane may belong to the board
 RISES = 2.0  # a part lower than this many times that height is noise of the board
 FEWEST_POINTS = 100  # least number of points above that height
 SMALLEST_PART = 0.01  # of the largest part's triangles
-
-Components = Literal["target", "largest", "all"]
 
 
 @dataclass(frozen=True)
@@ -57,21 +54,15 @@ def remove_board(cloud: Cloud, plane: Plane) -> Cloud:
     return cloud.at(off)
 
 
-def keep_target(
-    mesh: TriangleMesh, components: Components, plane: Plane | None, least_m: float
-) -> TargetParts:
+def keep_target(mesh: TriangleMesh, plane: Plane | None, least_m: float) -> TargetParts:
     """Remove unwanted connected parts from a surface, in place, and return a description of the
     rest.
 
-    Tiny parts are removed, and with components="largest" all parts but the largest. With a board's
-    plane, parts are removed that nowhere rise to twice the height least_m above it. Raises
-    HandbenchError if no part rises so high.
+    Tiny parts are removed. With a board's plane, parts are removed that nowhere rise to twice the
+    height least_m above it. Raises HandbenchError if no part rises so high.
     """
     label, triangles, area = (np.asarray(part) for part in mesh.cluster_connected_triangles())
-    wanted, kept = (
-        np.ones(len(triangles), dtype=bool),
-        "the largest part" if components == "largest" else "all parts",
-    )
+    wanted, kept = np.ones(len(triangles), dtype=bool), "all parts"
     if plane is not None:
         kept = "what stands off the board"
         height_m = plane.local(np.asarray(mesh.vertices))[:, 2]
@@ -80,9 +71,7 @@ def keep_target(
         wanted = highest_m > RISES * least_m
         if not wanted.any():
             raise _nothing_off(RISES * least_m)
-    wanted &= triangles >= triangles[wanted].max() * (
-        1 if components == "largest" else SMALLEST_PART
-    )
+    wanted &= triangles >= triangles[wanted].max() * SMALLEST_PART
     mesh.remove_triangles_by_mask(~wanted[label])
     mesh.remove_unreferenced_vertices()
     shares = area / area.sum()
@@ -102,9 +91,8 @@ def keep_target(
 
 
 def _nothing_off(height_m: float) -> HandbenchError:
-    every = option("--components all", 'components="all"')
     return HandbenchError(
         f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; "
         f"expected a target before or on the board; check {option('--box', 'box_m')} and the "
-        f"photographs, or give {every} to measure the board itself"
+        "photographs"
     )

@@ -21,7 +21,7 @@ ROOT = Path(__file__).parents[2]
 
 
 # The first stage that an option concerns, where it is not the first of all.
-FIRST = dict.fromkeys(("box_m", "quality", "dense", "masks"), 1) | {"components": 2}
+FIRST = dict.fromkeys(("box_m", "quality", "dense", "masks"), 1)
 
 
 @pytest.mark.parametrize("name", sorted(Options.model_fields))
@@ -36,7 +36,6 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
         "box_m": (0, 0, 0, 1, 1, 1),
         "quality": "draft",
         "dense": "cuda",
-        "components": "all",
         "seed": 1,
         "shared_intrinsics": False,
     }.get(name, True)

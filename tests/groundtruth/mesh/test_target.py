@@ -43,7 +43,7 @@ def kept(cloud):
     """Vertices and record, as the mesh stage makes them."""
     cloud = remove_board(cloud, PLANE)
     found = surface(cloud)
-    target = keep_target(found, "target", PLANE, margin_m(PLANE, cloud.pixel_m))
+    target = keep_target(found, PLANE, margin_m(PLANE, cloud.pixel_m))
     return np.asarray(found.vertices), target
 
 
@@ -71,22 +71,19 @@ def strips(counts, heights_m):
     return mesh(np.array(vertices_m), np.array(faces))
 
 
-def test_without_a_board_all_parts_of_a_hundredth_of_the_largest_are_kept_or_that_alone(capsys):
+def test_without_a_board_all_parts_of_a_hundredth_of_the_largest_are_kept():
     found = strips((200, 2, 1, 197), (0.0,) * 4)
-    target = keep_target(found, "all", None, 0.0)
+    target = keep_target(found, None, 0.0)
     assert target.parts == pytest.approx((0.5, 0.4925, 0.005)) and target.kept == "all parts"
     assert (target.dropped_parts, target.dropped) == (1, pytest.approx(0.0025))
     assert len(found.triangles) == 399 and len(found.vertices) == 399 + 6
-    largest = keep_target(strips((200, 2, 1, 197), (0.0,) * 4), "largest", None, 0.0)
-    assert largest.parts == pytest.approx((0.5,)) and largest.dropped_parts == 3
-    assert largest.kept == "the largest part" and "of the surface" in capsys.readouterr().err
 
 
 def test_a_part_that_stays_below_twice_the_margin_is_the_boards():
-    target = keep_target(strips((200, 50, 50), (0.0099, 0.0101, 0.02)), "target", PLANE, 0.005)
+    target = keep_target(strips((200, 50, 50), (0.0099, 0.0101, 0.02)), PLANE, 0.005)
     assert target.parts == pytest.approx((1 / 6, 1 / 6)) and target.dropped == pytest.approx(2 / 3)
     with pytest.raises(HandbenchError, match=r"nothing rises more than 10\.0 mm"):
-        keep_target(strips((200,), (0.0099,)), "target", PLANE, 0.005)
+        keep_target(strips((200,), (0.0099,)), PLANE, 0.005)
 
 
 def test_a_hundred_points_rise_off_the_board():
