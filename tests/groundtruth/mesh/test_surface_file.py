@@ -1,11 +1,13 @@
-"""Surfaces in files: ours, and those of others, which are believed only as far as they hold
-together."""
+"""Surfaces in files: ours, and those of others."""
 
 import numpy as np
 
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from tests.groundtruth.mesh.test_hostile_meshes import XYZ, header
 
+HEADER = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\n{}element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+)
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 1 / 3), (0, 0.1, 0.3), (0.1, 0.1, 0.3 + 1e-15)])
 FACES = np.array([(0, 2, 1), (1, 2, 3)])
 
@@ -33,8 +35,7 @@ def test_one_of_the_two_is_enough_and_of_any_type(tmp_path):
     ):
         places = ("0 0 0", "1 0 0", "0 1 0")
         lines = [f"{place} {row}" for place, row in zip(places, rows, strict=True)]
-        begun = header("ascii", vertices=3, faces=1, of_vertex=XYZ + extra)
-        (tmp_path / "a.ply").write_bytes(begun + "\n".join([*lines, "3 0 1 2", ""]).encode())
+        (tmp_path / "a.ply").write_text(HEADER.format(extra) + "\n".join([*lines, "3 0 1 2", ""]))
         found = read_surface(tmp_path / "a.ply")
         assert found.observed.tolist() == observed
         np.testing.assert_array_equal(found.sigma_m, sigma_m)

@@ -1,26 +1,23 @@
-"""EXIF data of a camera."""
+"""EXIF data of a camera: focal length, body, and the orientation of the picture."""
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageOps
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.photos import body_of, focal_length_px, orientation_of, read_exif
+from handbench.groundtruth.cameras.camera_files import stored_camera
+from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
+from handbench.groundtruth.photos.photos import (
+    Photo,
+    body_of,
+    focal_length_px,
+    read_exif,
+    stored_picture,
+)
+from handbench.support.errors import HandbenchError
 
-WIDTH, HEIGHT = 320, 240
-
-
-def photograph(path, **tags):
-    """A picture with the given EXIF tags (f: focal length in mm, f35: its equivalent on 35 mm film,
-    …)."""
-    number = {"f": 0x920A, "f35": 0xA405, "resolution": 0xA20E, "unit": 0xA210, "across": 0xA002}
-    exif = Image.Exif()
-    exif[0x0110] = "Camera"
-    exif.get_ifd(0x8769).update({number[name]: value for name, value in tags.items()})
-    Image.fromarray(
-        np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
-    ).save(path, exif=exif)
-    return read_exif(path)
+WIDTH, HEIGHT = 32, 24
+FOCAL_MM, FOCAL_35_MM, ORIENTATION = 0x920A, 0xA405, 0x0112
+RESOLUTION, UNIT, FULL_WIDTH = 0xA20E, 0xA210, 0xA002
 
 
 def colmaps_camera(folder, name):
@@ -32,54 +29,63 @@ def colmaps_camera(folder, name):
         return stored.read_all_cameras()[0]
 
 
-def test_an_equivalent_focal_length_is_colmaps_first_guess(tmp_path):
-    exif = photograph(tmp_path / "a.jpg", f=4.2, f35=26)
-    camera = colmaps_camera(tmp_path, "a.jpg")
-    assert camera.has_prior_focal_length
-    assert focal_length_px(exif, WIDTH, HEIGHT) == pytest.approx(
-        camera.focal_length, rel=3e-4
-    )  # 43.27 mm
+def test_an_equivalent_focal_length_is_colmaps(tmp_path):
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[FOCAL_35_MM] = 26
+    Image.new("L", (WIDTH, HEIGHT)).save(tmp_path / "a.jpg", exif=exif)
+    focal_px = focal_length_px(read_exif(tmp_path / "a.jpg"), WIDTH, HEIGHT)
+    assert focal_px == pytest.approx(colmaps_camera(tmp_path, "a.jpg").focal_length, rel=3e-4)
 
 
 @pytest.mark.parametrize(
     ("tags", "focal_px"),
     [
-        ({"f": 35.0, "resolution": 100.0, "unit": 3}, 350),  # 100 pixels a centimetre
-        ({"f": 35.0, "resolution": 10.0, "unit": 4}, 350),  # a millimetre
-        ({"f": 25.4, "resolution": 500.0}, 500),  # the unit left out: inches
-        (
-            {"f": 25.4, "resolution": 5000.0, "unit": 2, "across": 3200},
-            500,
-        ),  # a picture shrunk by ten
+        ({FOCAL_MM: 3.5, RESOLUTION: 100.0, UNIT: 3}, 35),  # 100 pixels a centimetre
+        ({FOCAL_MM: 3.5, RESOLUTION: 10.0, UNIT: 4}, 35),  # a millimetre
+        ({FOCAL_MM: 2.54, RESOLUTION: 5000.0, UNIT: 2, FULL_WIDTH: 320}, 50),  # shrunk by ten
+        ({FOCAL_MM: 35.0}, None),
+        ({FOCAL_35_MM: 0}, None),
+        ({FOCAL_35_MM: "26 mm", FOCAL_MM: float("inf")}, None),
     ],
 )
-def test_a_focal_length_in_pixels_of_the_focal_plane(tmp_path, tags, focal_px):
-    assert focal_length_px(photograph(tmp_path / "a.jpg", **tags), WIDTH, HEIGHT) == pytest.approx(
-        focal_px, rel=1e-3
-    )
-
-
-@pytest.mark.parametrize("tags", [{}, {"f": 35.0}, {"f35": 0, "f": 0.0}, {"f35": 10}, {"f35": 352}])
-def test_too_little_and_nonsense_tell_nothing(tmp_path, tags):
-    assert focal_length_px(photograph(tmp_path / "a.jpg", **tags), WIDTH, HEIGHT) is None
-
-
-def test_broken_data_are_no_data(tmp_path):
-    photograph(tmp_path / "a.jpg", f35=26)
-    whole = bytearray((tmp_path / "a.jpg").read_bytes())
-    start = whole.index(b"Exif\0\0") + 6
-    whole[start : start + 8] = b"\xff" * 8
-    (tmp_path / "a.jpg").write_bytes(whole)
-    assert read_exif(tmp_path / "a.jpg") == {}
-    assert read_exif(tmp_path / "nowhere.jpg") == {}
-    assert focal_length_px({0xA405: "26 mm", 0x920A: float("inf")}, WIDTH, HEIGHT) is None
-    assert [orientation_of({0x0112: value}) for value in (6, 0, 9, "x", None)] == [6, 1, 1, 1, 1]
+def test_a_focal_length_in_pixels_of_the_focal_plane(tags, focal_px):
+    found_px = focal_length_px(tags, WIDTH, HEIGHT)
+    assert found_px == (focal_px and pytest.approx(focal_px, rel=1e-3))
 
 
 def test_bodies_differ_by_what_changes_a_lens():
-    exif = {0x010F: "Maker", 0x0110: "Model", 0xA431: "17", 0x920A: 35.0}
-    assert body_of({}, (320, 240)) is None
-    others = ({}, {0xA431: "18"}, {0x920A: 50.0}, {0x010F: "Other"})
+    exif = {0x010F: "Maker", 0x0110: "Model", 0xA431: "17", FOCAL_MM: 35.0}
+    others = ({}, {0xA431: "18"}, {FOCAL_MM: 50.0}, {0x010F: "Other"})
     bodies = [body_of(exif | more, (320, 240)) for more in others]
-    assert len({*bodies, body_of(exif, (640, 480))}) == 5
-    assert body_of(dict(exif), (320, 240)) == bodies[0]
+    assert len({*bodies, body_of(exif, (640, 480))}) == 5 and body_of({}, (320, 240)) is None
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(tmp_path, orientation):
+    stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
+    exif = Image.Exif()
+    exif[ORIENTATION] = orientation
+    Image.fromarray(stored).save(tmp_path / "a.png", exif=exif)
+    with Image.open(tmp_path / "a.png") as image:
+        upright = np.asarray(ImageOps.exif_transpose(image))
+    photo = Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT, orientation=orientation)
+    np.testing.assert_array_equal(stored_picture(photo, upright), stored)
+    height, width = upright.shape
+    params = (40.0, 42.0, 13.0, 15.0, -0.05, 0.02, 3e-3, -2e-3)
+    pose = {"R": np.eye(3).tolist(), "t": (0.1, 0.2, 1.0)}
+    camera = Camera(name="a.png", width=width, height=height, params=params, **pose)
+    turned = stored_camera(photo, camera)
+    np.testing.assert_allclose(turned.centre_m, camera.centre_m, atol=1e-12)
+    points_m = np.random.default_rng(1).uniform(-0.4, 0.2, (200, 3))
+    there, here = (np.floor(c.project(points_m)).astype(int) for c in (camera, turned))
+    inside = ((here >= 0) & (here < (WIDTH, HEIGHT))).all(axis=1)
+    assert inside.sum() > 50
+    np.testing.assert_array_equal(upright[*there[inside, ::-1].T], stored[*here[inside, ::-1].T])
+
+
+def test_a_lens_that_is_not_the_same_when_turned_is_refused():
+    photo = Photo(None, "a.png", WIDTH, HEIGHT, orientation=6)
+    params = (40.0, 40.0, 12.0, 16.0, *8 * (0.0,))
+    camera = Camera(name="a.png", width=24, height=32, model="THIN_PRISM_FISHEYE", params=params)
+    with pytest.raises(HandbenchError, match="THIN_PRISM_FISHEYE"):
+        stored_camera(photo, camera)
