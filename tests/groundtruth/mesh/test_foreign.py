@@ -3,24 +3,12 @@
 import json
 
 import numpy as np
-import pytest
 
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import mesh, metric_mesh, read_mesh, write_mesh
-from handbench.support.errors import HandbenchError
+from handbench.groundtruth.mesh.mesh_files import read_mesh
 
 VERTICES_MM = np.array([(10, 20, 300), (90, 20, 310), (10, 180, 290), (90, 180, 305)], dtype=float)
 FACES = np.array([(0, 1, 2), (2, 1, 3)])
-
-
-@pytest.mark.parametrize(("unit_m", "length"), [(1.0, "160"), (1e-6, r"0\.00016")])
-def test_a_unit_that_makes_no_target_is_refused(tmp_path, unit_m, length):
-    write_mesh(tmp_path / "hand.ply", mesh(VERTICES_MM, FACES))
-    with pytest.raises(
-        HandbenchError,
-        match=rf"hand\.ply: is {length} m long; expected 0\.005 to 50 m; check --unit",
-    ):
-        metric_mesh(tmp_path / "hand.ply", unit_m)
 
 
 def test_the_command_takes_a_mesh_over(tmp_path, capsys):

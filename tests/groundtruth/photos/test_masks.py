@@ -61,13 +61,6 @@ def test_a_mask_of_the_upright_picture_is_turned(tmp_path, photo, orientation, t
         assert np.array_equal(read_mask(tmp_path / "masks" / "a.png", turned), DISC)
 
 
-def test_a_mask_of_a_picture_upside_down_fits_its_stored_pixels(tmp_path, photo, capsys):
-    turned = Photo(photo.path, photo.name, WIDTH, HEIGHT, orientation=3)
-    write(tmp_path / "masks", "a.png", DISC)
-    find_masks(tmp_path / "masks", (turned,))
-    assert "a.png: EXIF says that it is upside down; its mask must" in capsys.readouterr().err
-
-
 def test_a_view_is_unknown_outside_the_mask(photo, camera):
     pose = load_pycolmap().Rigid3d()
     for shrink in (1, 2):

@@ -7,12 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.markers import detect_corners
 from handbench.groundtruth.photos.photos import Photo
-from handbench.groundtruth.sparse.frame import (
-    apply,
-    board_from_model,
-    check_fit,
-    trimmed_similarity,
-)
+from handbench.groundtruth.sparse.frame import apply, board_from_model, trimmed_similarity
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import board_of, noisy_model, poses_of
 
@@ -78,11 +73,3 @@ def test_points_off_a_plane_tell_its_mirror_image():
     assert not trimmed_similarity(wrong_m, target_m, "corners")[1][
         12:
     ].any()  # neither way: merely wrong
-
-
-def test_a_misfit_of_three_per_cent_is_the_last_that_passes():
-    check_fit(0.03, 1.0, "board corners")
-    with pytest.raises(
-        HandbenchError, match=r"board corners are 30\.4 mm off after the best fit, 3%"
-    ):
-        check_fit(0.0304, 1.0, "board corners")
