@@ -67,10 +67,10 @@ def test_settings_within_tables_and_options_have_three_forms():
     assert settings(given) == 'z={"start_m": 0.25}, tones_hz=[82e9,81.9e9]'
     with called_from("command line"):
         assert settings(given) == "--set z.start_m=0.25 --set tones_hz='[82e9,81.9e9]'"
-        assert option("--refine-poses") == "--refine-poses"
+        assert option("--from-echoes") == "--from-echoes"
         with called_from("benchmark"):
             assert settings(given) == "config = { z.start_m = 0.25, tones_hz = [82e9,81.9e9] }"
-    assert option("--refine-poses") == "refine_poses" and option("-o", "folder") == "folder"
+    assert option("--from-echoes") == "from_echoes" and option("-o", "folder") == "folder"
 
 
 @pytest.mark.parametrize(

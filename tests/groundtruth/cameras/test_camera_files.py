@@ -52,14 +52,6 @@ def test_every_kind_of_file_names_the_photographs(tmp_path, model):
     ]
 
 
-def test_a_camera_of_an_upright_picture_is_turned(tmp_path, model):
-    save_cameras(tmp_path / "c.json", cameras_in(model))
-    photos = tuple(Photo(None, f"p{i}.png", 300, 400, orientation=6) for i in range(4))
-    turned = cameras_of(photos, tmp_path / "c.json")
-    assert {(camera.width, camera.height) for camera in turned} == {(300, 400)}
-    np.testing.assert_allclose([camera.centre_m for camera in turned], CENTRES, atol=1e-12)
-
-
 def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
     for image in model.images.values():
         image.name = f"images/{image.name}"
