@@ -41,7 +41,9 @@ class Scale:
 
 def require_near(cameras: Iterable[Camera]) -> None:
     """Raise HandbenchError for a camera that is more than 10 km (FARTHEST_M) from the origin."""
-    far_m = max((np.abs(camera.centre_m).max() for camera in cameras if camera.posed), default=0.0)
+    far_m = max(
+        (np.linalg.norm(camera.centre_m) for camera in cameras if camera.posed), default=0.0
+    )
     if not far_m <= FARTHEST_M:
         raise HandbenchError(
             f"cameras: are {far_m:.3g} m from the origin of their frame; expected at most "

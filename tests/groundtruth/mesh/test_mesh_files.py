@@ -82,7 +82,7 @@ def test_every_format_holds_the_same_triangles(tmp_path, name, content):
         ("a.obj", OBJ.replace(b"v 0.1", b"v 0,1")),
         ("a.obj", b"vertex 1 2 3\n" + OBJ),
         ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4"),  # crosses itself
-        ("a.obj", b"v 0 0 1e5\nv 0.2 0 1e5\nv 0 0.2 1e5\nf 1 2 3"),  # steps of single precision
+        ("a.obj", b"v 0 0 1e5\nv 0.25 0 1e5\nv 0 0.25 1e5\nf 1 2 3"),  # steps of single precision
         ("a.stl", STL[:-1]),
         ("a.stl", b"x" * 80 + struct.pack("<I", 10**8)),
         ("a.stl", ASCII_STL[:-30]),
