@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         methods,
         reconstruct_mesh,
         run,
+        save_capture,
         simulate,
         stream,
     )
@@ -57,6 +58,7 @@ __all__ = [
     "methods",
     "reconstruct_mesh",
     "run",
+    "save_capture",
     "simulate",
     "stream",
 ]

@@ -480,6 +480,70 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     return Capture(folder)
 
 
+def save_capture(
+    folder: File,
+    samples: ArrayLike,
+    frequencies_hz: ArrayLike,
+    tx_m: ArrayLike | None = None,
+    rx_m: ArrayLike | None = None,
+    *,
+    position_m: ArrayLike | None = None,
+    pairs: ArrayLike | None = None,
+    times_s: ArrayLike | None = None,
+    frame_times_s: ArrayLike | None = None,
+    wave_speed_m_s: float = 299_792_458.0,
+    **description: Any,
+) -> Capture:
+    """Write echoes, however they were measured, as a capture folder.
+
+    Args:
+        folder: the new folder.
+        samples: complex [frame, frequency, tx, rx], or [frame, frequency, pair] with `pairs`, or
+            [frame, frequency, position] with `position_m`. An echo is exp(−j2πf·path/c): conjugate
+            samples of the other sign. A channel that was not measured is NaN throughout.
+        frequencies_hz: the tones [frequency].
+        tx_m, rx_m: positions [n, 3] of the transmitters and receivers in the radar's frame, metres.
+        position_m: instead of these, the places [position, 3] of a transceiver that is moved.
+        pairs: indices [pair, 2] of the transmitter and the receiver of each channel, from 0.
+        times_s: when each tone of a frame was measured [frequency]; frame_times_s: when each frame
+            was [frame].
+        wave_speed_m_s: of a medium.
+        description: keys of capture.toml, as kind="other", distance_m=0.3, methods={...}.
+
+    Returns:
+        The capture.
+
+    Raises:
+        HandbenchError: the folder exists, or the shapes do not fit together.
+    """
+    import numpy as np
+
+    from handbench.bench.datasets.native import save_echoes_folder
+    from handbench.radar.data.recording import Recording
+    from handbench.support.errors import HandbenchError
+
+    if Path(folder).exists():
+        raise HandbenchError(f"{folder}: exists already; choose a new folder")
+    antennas = {"tx_m": tx_m, "rx_m": rx_m} if position_m is None else {"position_m": position_m}
+    places_m = {name: np.asarray(at_m) for name, at_m in antennas.items() if at_m is not None}
+    moved_array = position_m is not None and not tx_m is rx_m is pairs is None
+    if len(places_m) < len(antennas) or moved_array:
+        raise HandbenchError(
+            "tx_m, rx_m: expected both, perhaps with pairs, or position_m of a scan instead"
+        )
+    times = {"times_s": times_s, "frame_times_s": frame_times_s}
+    about = {name: np.asarray(value) for name, value in times.items() if value is not None}
+    recording = Recording(
+        np.atleast_1d(samples)[:, None],
+        np.atleast_1d(frequencies_hz),
+        places_m,
+        None if pairs is None else np.asarray(pairs),
+        about={**about, "wave_speed_m_s": wave_speed_m_s},
+    )
+    save_echoes_folder(folder, recording.capture(), description)
+    return Capture(folder)
+
+
 def reconstruct_mesh(
     photos: File, mesh: File | None = None, workdir: File | None = None, **options: Any
 ) -> Surface:

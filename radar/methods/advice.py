@@ -13,7 +13,7 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.doppler import Repetition, shift_s
-from handbench.radar.methods.first_depth import first_depth_m
+from handbench.radar.methods.first_depth import ENOUGH, first_depth_m
 from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
 from handbench.support.caller import settings
 from handbench.support.config import Config
@@ -22,6 +22,7 @@ from handbench.support.errors import HandbenchError
 EXAMPLE_M_S = 0.1  # of a slow gesture
 SHOWN_M = 2e-4  # a shift by motion that is worth a sentence
 ABOVE_NOISE = 2.0  # times that velocities exceed those of noise if the target moves
+PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
 TINY = 1e-30
 PROBED = 400  # pixels whose velocity is measured for it
 NEAR_LIMIT, MANY = 0.8, 0.01  # of the unambiguous velocity; share of pixels
@@ -83,6 +84,29 @@ def matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, 
     return (
         {"tones_hz": tuple(found)} if "tones_hz" in known else dict(zip(names, found, strict=False))
     )
+
+
+def default_config(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Choose settings of 2-FSK, 3-FSK and broadband backprojection for the tones of a capture:
+    values by the settings' names, by the method's id. Left out are methods that the tones do not
+    allow: 3-FSK of two tones, broadband of unevenly spaced ones.
+
+    The FSK pair is as close as the paper's, if it can be, and 3-FSK's third tone as many times
+    further away.
+    """
+    tones_hz = np.unique(frequencies_hz)[::-1]
+    if len(tones_hz) < 2:
+        return {}
+    steps_hz = -np.diff(tones_hz)
+    every = max(1, min(int(PAIR_HZ / np.median(steps_hz)), (len(tones_hz) - 1) // 2))
+    first = {"first_depth_m": "auto"} if len(tones_hz) >= ENOUGH else {}
+    pairs_hz = tones_hz[::every]
+    chosen = {"2fsk": matching_settings(pairs_hz, ("f1_hz", "f2_hz")) | first}
+    if len(tones_hz) > 2:
+        chosen["3fsk"] = matching_settings(pairs_hz, ("f1_hz", "f2_hz", "f3_hz")) | first
+    if np.allclose(steps_hz, steps_hz[0], rtol=1e-3, atol=0):
+        chosen["broadband"] = matching_settings(tones_hz, ("count",))
+    return chosen
 
 
 def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0) -> Iterator[str]:
