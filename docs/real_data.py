@@ -13,7 +13,6 @@ import re
 import shutil
 import sys
 import time
-import tomllib
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -22,14 +21,14 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.io import loadmat
 from scipy.ndimage import uniform_filter1d
 
 from handbench.bench.datasets.mapped_capture import MAPPING
-from handbench.bench.datasets.named_arrays import read_arrays
 from handbench.bench.evaluation.metrics import TITLES
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.measured import MeasuredImage, image_measured
-from handbench.interface import load
+from handbench.interface import load, save_capture
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
@@ -51,6 +50,56 @@ FILES = {
     "chair": ("sar_raw.npy", "depth1.mat"),
     "dihedrals": ("m5", "m7", "m10", "m15"),
 }
+# two scans of a phantom, between which it was turned
+TUMOUR = """
+version = 1
+wave_speed_m_s = 1.05993e8  # permittivity 8
+
+[capture]
+name = "NAME"
+kind = "other"
+source = "github.com/EMFMed/MERIT, SCAN"
+
+[samples]
+dataset = "SCAN_p000.csv"
+axes = ["frequency", "pair"]
+reversed = false
+sign = "-"
+
+[background]
+dataset = "SCAN_p036.csv"
+axes = ["frequency", "pair"]
+reversed = false
+
+[frequencies]
+dataset = "frequencies.csv"
+unit = "Hz"
+
+[tx]
+dataset = "antenna_locations.csv"
+reversed = false
+unit = "m"
+x = "left"
+
+[rx]
+dataset = "antenna_locations.csv"
+reversed = false
+unit = "m"
+x = "left"
+
+[pairs]
+dataset = "channel_names.csv"
+reversed = false
+first = 1
+
+[capture.methods.broadband]
+x = { start_m = -0.06, stop_m = 0.06, step_m = 0.0025 }
+y = { start_m = -0.06, stop_m = 0.06, step_m = 0.0025 }
+z = { start_m = 0.005, stop_m = 0.06, step_m = 0.0025 }
+start_hz = 1.5e9
+stop_hz = 4.5e9
+count = 76
+"""
 MERIT = ("frequencies.csv", "antenna_locations.csv", "channel_names.csv")
 FILES |= {name: (*files, *MERIT) for name, files in FILES.items() if name.startswith("tumour")}
 TUMOURS_M = {"tumour-11mm": (0.015, 0.0, 0.035), "tumour-20mm": (0.015, 0.0, 0.030)}
@@ -64,11 +113,8 @@ FRINGE_DEG = 0.5  # fringes of a face and the corner behind it are finer
 
 
 def gather(folder: Path, work: Path) -> set[str]:
-    """Copy the files of each set that is complete below `folder` to WORK/NAME, with the
-    mapping.toml of the page; return the sets' names."""
-    pages = re.findall(r"```toml\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    mappings = {tomllib.loads(text)["capture"]["name"]: text for text in pages}
-    mappings["tumour-20mm"] = mappings["tumour-11mm"].replace("11mm", "20mm").replace("_P3", "_P5")
+    """Make a capture WORK/NAME of each set whose files are all below `folder`; return the sets'
+    names."""
     complete = set()
     for name, files in FILES.items():
         found = {file: next(folder.rglob(file), None) for file in files}
@@ -76,13 +122,83 @@ def gather(folder: Path, work: Path) -> set[str]:
             print(f"{name}: left out; {folder} lacks {', '.join(f for f in found if not found[f])}")
             continue
         complete.add(name)
-        for file, path in found.items():
-            (work / name).mkdir(parents=True, exist_ok=True)
-            if path is not None:
+        if (work / name).exists():
+            continue
+        given = {file: path for file, path in found.items() if path is not None}
+        if name in CAPTURES:
+            CAPTURES[name](work / name, given)
+        else:
+            (work / name).mkdir(parents=True)
+            for file, path in given.items():
                 shutil.copyfile(path, work / name / file)
-        if name in mappings:
-            write_text(work / name / MAPPING, mappings[name])
+        if name in TUMOURS_M:
+            text = TUMOUR.replace("NAME", name).replace("SCAN", files[0].split("_p")[0])
+            write_text(work / name / MAPPING, text)
     return complete
+
+
+def span(start_m: float, stop_m: float, step_m: float) -> dict[str, float]:
+    """An axis of a method's pixels or voxels."""
+    return {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
+
+
+def tape_capture(out: Path, files: dict[str, Path]) -> None:
+    """A pair of antennas, 120 mm apart, at 12 × 12 places; each sample is divided by the phase of a
+    probe's response, passed twice. Both signs of the positions are turned, as the set's own script
+    does."""
+    data = loadmat(files["CopperTape_15cm.mat"])["data"][0, 0]
+    probe = loadmat(files["ProbeResponse2.mat"])["ProbeResponse2"].ravel()[::4]
+    samples = data["measurements"].T.reshape(101, 144) * np.exp(-2j * np.angle(probe))[:, None]
+    x_mm, y_mm = (-data[axis].T.ravel() for axis in "XY")
+    places_m = np.stack([x_mm, y_mm, 0 * x_mm], axis=1) / 1e3
+    half_m = np.array([0.06, 0, 0])
+    pixels = {"x": span(-0.1, 0.1, 0.005), "y": span(-0.1, 0.1, 0.005)}
+    pair = {"f1_hz": 8.2e9, "f2_hz": 7.2e9}
+    three = {"f1_hz": 8.2e9, "f2_hz": 7.7e9, "f3_hz": 5.7e9}
+    sweep = {"start_hz": 5.7e9, "stop_hz": 8.2e9, "count": 101}
+    save_capture(
+        out,
+        samples[None],
+        np.linspace(5.7e9, 8.2e9, 101),
+        places_m - half_m,
+        places_m + half_m,
+        pairs=np.repeat(np.arange(144)[:, None], 2, axis=1),
+        kind="other",
+        distance_m=0.15,
+        methods={
+            "2fsk": {**pixels, **pair, "first_depth_m": "auto"},
+            "3fsk": {**pixels, **three, "first_depth_m": "auto"},
+            "narrowband": {**pixels, **three, "z": span(0.1, 0.2, 0.001)},
+            "broadband": {**pixels, **sweep, "z": span(0.05, 0.3, 0.001)},
+        },
+    )
+
+
+def chair_capture(out: Path, files: dict[str, Path]) -> None:
+    """One transmitter and four receivers at 3 stops × 64 snapshots. The chair is within one
+    ambiguity of 32 of the 256 tones, 1.28 m."""
+    raw = np.load(files["sar_raw.npy"])[:, :, :4].conj()  # [stop, snapshot, receiver, sample]
+    y_mm, x_mm = np.meshgrid(2.42 * np.arange(64) - 76.23, 19.34 * np.arange(-1, 2), indexing="ij")
+    places_m = np.stack([x_mm, y_mm, 0 * x_mm], axis=-1).reshape(-1, 3) / 1e3
+    across_m = np.multiply.outer([0, 2.418e-3, 4.835e-3, 7.253e-3], [1, 0, 0])
+    rx_m = (places_m[:, None] + across_m).reshape(-1, 3)
+    channels = np.arange(len(rx_m))
+    grid = {"x": span(-0.45, 0.45, 0.03), "y": span(-0.51, 0.45, 0.03), "z": span(1.6, 1.96, 0.02)}
+    sweep = {"start_hz": 60e9, "stop_hz": 63.632406e9, "count": 32}
+    save_capture(
+        out,
+        raw.transpose(3, 1, 0, 2).reshape(1, 256, -1),
+        60e9 + 14.646800195407914e6 * np.arange(256),
+        places_m,
+        rx_m,
+        pairs=np.stack([channels // 4, channels], axis=1),
+        kind="scan",
+        methods={"broadband": {**grid, **sweep, "subvoxel": True}},
+    )
+    shutil.copyfile(files["depth1.mat"], out / "depth1.mat")
+
+
+CAPTURES = {"tape": tape_capture, "chair": chair_capture}
 
 
 def tape(work: Path) -> str:
@@ -198,9 +314,7 @@ def chair(work: Path) -> str:
     draw both and return their table."""
     [image] = image_measured(work / "chair")
     depth, folder = image.depth, work / "chair"
-    stereo_m = (
-        read_arrays(folder, {"depth1.mat:depimg"}, None, MAPPING)("depth1.mat:depimg").T / 1e3
-    )
+    stereo_m = loadmat(folder / "depth1.mat")["depimg"] / 1e3
     x, y = np.meshgrid(depth.x_m, depth.y_m)
     seen = np.isfinite(depth.z_m) & (depth.amplitude_db > -15)
     offset_m = 0.0

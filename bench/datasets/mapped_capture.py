@@ -1,35 +1,33 @@
 """Captures whose echoes are in another program's files; a `mapping.toml` next to them names the
 data sets."""
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from handbench.bench.datasets.mapping import (
     ORDER,
+    PLACES,
     RE_IM,
     UNITS,
-    ArrayMapping,
     Column,
     ComplexMapping,
     Mapping,
     PositionsMapping,
-    SamplesMapping,
     Steps,
     TableMapping,
 )
-from handbench.bench.datasets.named_arrays import Read, read_arrays
+from handbench.bench.datasets.named_arrays import read_named
 from handbench.bench.datasets.native import MAPPING, CaptureFile, NativeCapture
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.recording import Recording, join_arrays
+from handbench.radar.data.recording import Recording
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 
-PARTS = (("real", "imag"), ("r", "i"))  # names of a complex number's parts: MATLAB's, h5py's
+Read = Callable[[str], np.ndarray]  # from a name to its array
 
 
 @dataclass(frozen=True)
@@ -55,261 +53,151 @@ class MappedCapture(NativeCapture):
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
         """Read the echoes of the first `frames` frames (None: all).
 
-        Gains in the mapping are always applied. calibrated: apply the capture's corrections
-        (`corrections.json`), too, and print a line about them. Raises HandbenchError if the files
-        do not agree with the mapping.
+        calibrated: apply the capture's corrections (`corrections.json`), and print a line about
+        them. Raises HandbenchError if the files do not agree with the mapping.
         """
-        mapping, arrays = self.mapping, (self.mapping, *self.mapping.array)
-        names = {name for array in arrays for name in array.datasets}
-        of_all = (mapping.frequencies.dataset, mapping.times_s, mapping.frame_times_s)
-        names |= {name for name in of_all if isinstance(name, str)}
+        mapping = self.mapping
+
+        def read(name: str) -> np.ndarray:
+            return read_named(self.folder, name, mapping.file, mapping.skip_lines)
+
         try:
-            read = read_arrays(self.folder, names, mapping.file, MAPPING)
-            capture = join_arrays([_recording(read, mapping, array).capture() for array in arrays])
-            capture = capture.first_frames(frames)
-            return self._corrected(capture) if calibrated else capture
-        except HandbenchError as error:
-            message = str(error)
-            known = message.startswith(f"{self.folder}/")  # about one of the files
-            where = "" if known else f"{self.folder / MAPPING}: "
-            raise HandbenchError(where + message) from None
-
-
-def _recording(read: Read, mapping: Mapping, array: ArrayMapping) -> Recording:
-    """Read one array of the mapping."""
-    frequencies_hz = _frequencies_hz(read, mapping)
-    antennas_m = {
-        name: entry.scale_m * _table(read, entry, 3, name)
-        for name in ("tx", "rx")
-        if (entry := getattr(array, name)) is not None
-    }
-    pairs, places_m, grid = None, None, dict[str, int]()
-    if array.pairs is not None:
-        pairs = _table(read, array.pairs, 2, "pairs") - array.pairs.first
-    if array.position is not None:
-        places_m, grid = _places_m(read, array.position, array.samples)
-    counts = {"frequency": len(frequencies_hz), RE_IM: 2, **grid}
-    counts |= {"pair": len(pairs)} if pairs is not None else {}
-    for name, table in antennas_m.items() if pairs is None else ():
-        counts[name] = len(table)
-        if len(table) > 1 and name not in array.samples.counted:
+            capture = _recording(read, mapping).capture().first_frames(frames)
+        except (HandbenchError, ValueError) as error:  # NumPy's: lengths that do not fit together
+            if str(error).startswith(f"{self.folder}/"):  # about one of the files
+                raise
             raise HandbenchError(
-                f"{name} has {len(table)} antennas; expected one, or '{name}' in samples.axes"
-            )
-    samples, gains = _samples_and_gains(read, array, counts)
-    times_s = {
-        name: _column(read, column)
-        for name in ("times_s", "frame_times_s")
-        if (column := getattr(mapping, name)) is not None
-    }
-    tables_m, pairs = _channels(antennas_m, pairs, places_m)
-    channels = [len(table) for table in tables_m.values()] if pairs is None else [len(pairs)]
+                f"{self.folder / MAPPING}: {error}; correct mapping.toml, in which each table of "
+                "several rows needs an axis"
+            ) from None
+        return self._corrected(capture) if calibrated else capture
+
+
+@np.errstate(invalid="ignore", over="ignore")  # what is infinite is refused with the capture
+def _recording(read: Read, mapping: Mapping) -> Recording:
+    """Read all arrays of a mapping."""
+    tones = mapping.frequencies
+    frequencies_hz = UNITS[tones.unit] * _column(read, tones.steps or tones.dataset or "")
+    counts = {"frequency": len(frequencies_hz), RE_IM: 2}
+    places_m: dict[str, np.ndarray] = {}
+    pairs = None
+    for name, entry in (("tx", mapping.tx), ("rx", mapping.rx)):
+        if entry is not None:
+            places_m[f"{name}_m"] = entry.scale_m * _table(read, entry, 3)
+            counts[name] = len(places_m[f"{name}_m"])
+    if mapping.pairs is not None:
+        pairs = _table(read, mapping.pairs, 2) - mapping.pairs.first
+        counts["pair"] = len(pairs)
+    if mapping.position is not None:
+        listed = "position" in mapping.samples.axes
+        places_m["position_m"], grid = _places_m(read, mapping.position, listed)
+        counts |= grid
+    samples = _complex(read, mapping.samples, counts)
+    if mapping.background is not None:
+        samples = samples - _complex(read, mapping.background, counts)
+    if mapping.samples.subtract_mean:
+        places = tuple(ORDER.index(axis) for axis in PLACES)
+        samples = samples - samples.mean(axis=places, keepdims=True)
+    if mapping.samples.sign == "+":
+        samples = samples.conj()
+    channels = [len(table_m) for table_m in places_m.values()] if pairs is None else [len(pairs)]
     return Recording(
-        samples.reshape(*samples.shape[:3], *channels),
+        samples.reshape(samples.shape[0], 1, samples.shape[1], *channels),
         frequencies_hz,
-        tables_m,
+        places_m,
         pairs,
-        None if gains is None else gains.reshape(*gains.shape[:-6], *channels),
-        array.samples.sweeps or "mean",
-        {
-            "wave_speed_m_s": mapping.wave_speed_m_s,
-            "source": mapping.capture.source or "",
-            "licence": mapping.licence,
-            **times_s,
-        },
+        about={"wave_speed_m_s": mapping.wave_speed_m_s, "source": mapping.capture.source or ""},
     )
 
 
-def _frequencies_hz(read: Read, mapping: Mapping) -> np.ndarray:
-    """Read the tones [f], hertz."""
-    entry = mapping.frequencies
-    if entry.steps is not None:
-        found = entry.steps.values()
-    else:
-        found = _real(read, entry.dataset or "")
-        if found.size == 0 or found.size != max(found.shape, default=0):
-            # MATLAB's have an axis of one more
-            raise _wrong(entry.dataset or "", found, "[frequency]")
-    with np.errstate(over="ignore"):  # what is infinite then is refused with the capture
-        return found.reshape(-1) * UNITS[entry.unit]
-
-
-def _table(
-    read: Read, entry: TableMapping, columns: int, what: str, turned: bool = False
-) -> np.ndarray:
-    """Read a table of real numbers [n, columns]; columns that are left out are 0. what: the table's
-    name; turned: as of `_column`."""
+def _table(read: Read, entry: TableMapping, columns: int) -> np.ndarray:
+    """Read a table of real numbers [n, columns]; columns that are left out are 0."""
     if entry.columns is not None:
-        found = [_column(read, column, turned) for column in entry.columns]
-        lengths = {len(column) for column in found} - {1} or {1}
-        if len(lengths) > 1 or len(found) > columns:
-            raise HandbenchError(
-                f"{what}.columns have {', '.join(str(len(column)) for column in found)} values; "
-                f"expected {columns} columns at most, each with one value or all with as many"
-            )
-        found += [np.zeros(1)] * (columns - len(found))
-        return np.stack([np.broadcast_to(column, max(lengths)) for column in found], axis=1)
+        zeros = [0.0] * (columns - len(entry.columns))
+        given = [_column(read, column) for column in (*entry.columns, *zeros)]
+        return np.stack(np.broadcast_arrays(*given), axis=1)
     name = entry.dataset or ""
-    stored = _real(read, name)
-    if stored.ndim != 2 or stored.shape[0 if entry.reversed else 1] != columns:
-        expected = (
-            f"[{columns}, n] as stored, for it is reversed" if entry.reversed else f"[n, {columns}]"
-        )
-        raise _wrong(name, stored, f"{expected} of {what}")
-    return stored.T if entry.reversed else stored
+    stored = _real(name, read(name))
+    table = stored.T if entry.reversed else stored
+    if table.ndim != 2 or table.shape[1] != columns:
+        order = f"[{columns}, n]" if entry.reversed else f"[n, {columns}]"
+        raise _wrong(name, stored, f"{order} as stored")
+    return table
 
 
-def _column(read: Read, column: Column, turned: bool = False) -> np.ndarray:
-    """Read the numbers of a column [n]; a data set with several axes in the order in which it is
-    stored. turned: in the order of the reversed axes."""
+def _column(read: Read, column: Column) -> np.ndarray:
+    """Read the numbers of a column [n]."""
     if isinstance(column, Steps):
         return column.values()
-    if not isinstance(column, str):
-        return np.array(column, np.float64).reshape(-1)
-    values = _real(read, column)
-    return (values.T if turned else values).reshape(-1)
+    values = _real(column, read(column)) if isinstance(column, str) else np.array(column, float)
+    return values.reshape(-1)
 
 
 def _places_m(
-    read: Read, entry: PositionsMapping, samples: SamplesMapping
+    read: Read, entry: PositionsMapping, listed: bool
 ) -> tuple[np.ndarray, dict[str, int]]:
-    """Read the places [n, 3], metres, to which antennas are moved, and how many places each axis
-    counts. Of a grid, the columns of x and y have the coordinates along these axes."""
-    if "position" in samples.counted:
-        turned = bool(entry.reversed) != samples.reversed
-        places = _table(read, entry, 3, "position", turned)
+    """Read the places [n, 3], metres, to which a transceiver is moved, and how many each axis
+    counts. listed: there is a row for each place; otherwise the columns are the coordinates along
+    the axes x and y of a grid, and one z."""
+    if listed:
+        places = _table(read, entry, 3)
         return entry.scale_m * places, {"position": len(places)}
-    columns = [_column(read, column) for column in (*(entry.columns or ()), 0.0, 0.0)[:3]]
-    counts = {"y": len(columns[1]), "x": len(columns[0])}
-    for axis, count in {**counts, "z": len(columns[2])}.items():
-        if count > 1 and axis not in samples.counted:
-            raise HandbenchError(
-                f"position.columns have {count} values of {axis}; expected one, or '{axis}' in "
-                "samples.axes"
-            )
-    y, x = np.meshgrid(columns[1], columns[0], indexing="ij")
-    places = np.stack([x.ravel(), y.ravel(), np.broadcast_to(columns[2], x.size)], axis=1)
-    return entry.scale_m * places, counts
-
-
-def _channels(
-    antennas_m: dict[str, np.ndarray], pairs: np.ndarray | None, places_m: np.ndarray | None
-) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
-    """Positions by name and list of pairs of a `Recording`. Antennas that are moved to places_m [n,
-    3] become as many, all pairs of the first place before those of the next."""
-    tables_m = {f"{name}_m": at_m for name, at_m in antennas_m.items()}
-    if places_m is None:
-        return tables_m, pairs
-    if not tables_m:
-        return {"position_m": places_m}, None
-    counts = np.array([len(at_m) for at_m in tables_m.values()])
-    of_place = np.argwhere(np.ones(counts)) if pairs is None else pairs
-    moved_m = {k: (places_m[:, None] + at_m).reshape(-1, 3) for k, at_m in tables_m.items()}
-    first = np.arange(len(places_m))[:, None, None] * counts
-    return moved_m, (first + of_place).reshape(-1, 2)
-
-
-def _samples_and_gains(
-    read: Read, array: ArrayMapping, counts: dict[str, int]
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Read samples, without the background, and what they are divided by; both have all axes of
-    ORDER, the gains from "frequency" on, or from the places on if they are the same at each."""
-    samples, gains = _complex(read, array.samples, counts), None
-    if array.background is not None:
-        samples = samples - _complex(read, array.background, counts)
-    if array.gains is not None:
-        [[gains]] = _complex(read, array.gains, counts)
-        with np.errstate(invalid="ignore", over="ignore"):  # 0, of a dead channel, becomes NaN
-            gains = gains / np.abs(gains) if array.gains.phase_only else gains
-            gains = gains**array.gains.passes
-        gains = np.broadcast_to(gains, (len(gains), *samples.shape[3:]))
-        gains = gains[0] if len(gains) == 1 else gains
-    if array.samples.sign == "+":
-        samples, gains = samples.conj(), None if gains is None else gains.conj()
-    return samples, gains
+    x, y, z = [_column(read, column) for column in (*(entry.columns or ()), 0.0, 0.0, 0.0)[:3]]
+    grid = np.stack(np.broadcast_arrays(x, y[:, None], z[:1]), axis=-1)
+    return entry.scale_m * grid.reshape(-1, 3), {"y": len(y), "x": len(x)}
 
 
 def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.ndarray:
     """Read complex numbers, with all axes of ORDER; one that the file lacks has length one.
     counts: axis → its expected length, if known."""
-    groups: list[tuple[str, ...]] = [
-        (axis,) if isinstance(axis, str) else axis for axis in entry.axes
-    ]
-    if entry.reversed:
-        groups = [group[::-1] for group in groups[::-1]]
-    parts = {}
-    for name in entry.datasets:
-        stored = read(name)
-        if (shape := _flat_shape(stored.shape, groups, counts, entry.reversed)) is None:
-            known = ", ".join(
-                "·".join(f"{axis} {counts[axis]}" if axis in counts else axis for axis in group)
-                for group in groups
-            )
-            raise _wrong(name, stored, f"[{known}] as stored")
-        parts[name] = stored.reshape(shape)
-    axes = tuple(entry.counted[::-1] if entry.reversed else entry.counted)
-    # what is infinite is refused with the capture
-    with np.errstate(invalid="ignore", over="ignore"):
-        values = _joined(parts, axes)
-    axes = tuple(axis for axis in axes if axis != RE_IM)
-    values = values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
-    return np.expand_dims(values, [k for k, axis in enumerate(ORDER) if axis not in axes])
-
-
-def _flat_shape(
-    shape: tuple[int, ...], groups: list[tuple[str, ...]], counts: dict[str, int], reversed: bool
-) -> list[int] | None:
-    """Compute the shape that an array has with one axis for each thing that it counts; None if it
-    does not fit.
-    shape: as stored; groups: what each stored axis counts. reversed: the file is MATLAB's, which
-    leaves out last axes of length one. Axes of length one that count nothing are left out."""
-    if reversed:
-        shape = (1,) * (len(groups) - len(shape)) + shape
-    ones = [k for k, size in enumerate(shape) if size == 1][: max(len(shape) - len(groups), 0)]
-    sizes = [size for k, size in enumerate(shape) if k not in ones]
-    if len(sizes) != len(groups) or 0 in sizes:
-        return None
-    flat: list[int] = []
-    for group, stored in groupby(zip(groups, sizes, strict=True), key=lambda pair: pair[0]):
-        size = math.prod(size for _, size in stored)  # of several axes only for `position`
-        unknown = [axis for axis in group if axis not in counts]
-        known = math.prod(counts.get(axis, 1) for axis in group)
-        if len(unknown) > 1 or size % known or (not unknown and size != known):
-            return None
-        flat += [counts.get(axis, size // known) for axis in group]
-    return flat
-
-
-def _joined(parts: dict[str, np.ndarray], axes: tuple[str, ...]) -> np.ndarray:
-    """Join real and imaginary parts to complex numbers. parts: name → data set, one or two; axes:
-    of these arrays, in order."""
-    if len(parts) == 2 or RE_IM in axes:
-        given = [_require_real(name, values) for name, values in parts.items()]
-        real, imag = given if len(given) == 2 else np.moveaxis(given[0], axes.index(RE_IM), 0)
-        return real + 1j * imag
-    [(name, values)] = parts.items()
-    for real, imag in PARTS:
-        if values.dtype.names and set(values.dtype.names) == {real, imag}:
-            return values[real] + 1j * values[imag]
+    axes = entry.axes[::-1] if entry.reversed else entry.axes
+    name = entry.dataset or entry.real or ""
+    values = read(name)
+    if entry.imag is not None:
+        values = _real(name, values) + 1j * _real(entry.imag, read(entry.imag))
+    elif values.dtype.names == ("real", "imag"):  # as MATLAB stores them in HDF5
+        values = values["real"] + 1j * values["imag"]
+    if (shape := _shape(values.shape, axes, counts, entry.reversed)) is None:
+        known = ", ".join(f"{axis} {counts.get(axis, '')}".strip() for axis in axes)
+        raise _wrong(name, values, f"[{known}] as stored")
+    values = values.reshape(shape)
+    if RE_IM in axes:
+        real, imag = np.moveaxis(_real(name, values), axes.index(RE_IM), 0)
+        values, axes = real + 1j * imag, tuple(axis for axis in axes if axis != RE_IM)
     if values.dtype.kind != "c":
         raise HandbenchError(
             f"'{name}' has values of type {values.dtype}; expected complex numbers; name the data "
             'sets of both parts (real, imag), or the axis "re_im"'
         )
-    return values
+    values = values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
+    return np.expand_dims(values, [k for k, axis in enumerate(ORDER) if axis not in axes])
 
 
-def _real(read: Read, name: str) -> np.ndarray:
-    return _require_real(name, read(name)).astype(np.float64)
+def _shape(
+    stored: tuple[int, ...], axes: tuple[str, ...], counts: dict[str, int], reversed: bool
+) -> tuple[int, ...] | None:
+    """Compute the shape in which an array has these axes; None if it does not fit.
+
+    stored: as the file has it; axes of length one that have no name are left out. reversed: the
+    file is MATLAB's, which leaves out last axes of length one.
+    """
+    extra = len(stored) - len(axes)
+    if reversed:
+        stored = (1,) * -extra + stored
+    ones = [k for k, size in enumerate(stored) if size == 1][: max(extra, 0)]
+    shape = tuple(size for k, size in enumerate(stored) if k not in ones)
+    if len(shape) != len(axes) or 0 in shape:
+        return None
+    fits = all(counts.get(axis, size) == size for axis, size in zip(axes, shape, strict=True))
+    return shape if fits else None
 
 
-def _require_real(name: str, values: np.ndarray) -> np.ndarray:
+def _real(name: str, values: np.ndarray) -> np.ndarray:
+    """Return real numbers as double precision; raises HandbenchError for other values."""
     if values.dtype.kind not in "iuf":
         raise HandbenchError(f"'{name}' has values of type {values.dtype}; expected real numbers")
-    return values
+    return values.astype(np.float64)
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:
-    return HandbenchError(
-        f"'{name}' has shape {values.shape}; expected {expected}; correct mapping.toml"
-    )
+    return HandbenchError(f"'{name}' has shape {values.shape}; expected {expected}")

@@ -1,8 +1,7 @@
 """Recordings: the numbers in a capture file of any layout, and their conversion to a
 `RadarCapture`."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -116,42 +115,6 @@ class Recording:
         alive = np.isfinite(self.gains) & (self.gains != 0)
         samples = samples / np.where(alive, self.gains, 1)
         return samples, missing | ~(alive if alive.ndim == missing.ndim else alive.all(axis=0))
-
-
-def join_arrays(captures: Sequence[RadarCapture]) -> RadarCapture:
-    """Join captures of one scene by several arrays, each of which receives only its own echoes, to
-    one capture with all antennas and all measured pairs. The other fields are those of the first
-    capture.
-
-    Raises HandbenchError if the numbers of frames or tones differ, or if an aperture is not an
-    array.
-    """
-    from scipy.linalg import block_diag
-
-    if len(captures) == 1:
-        return captures[0]
-    arrays = [
-        capture.aperture for capture in captures if isinstance(capture.aperture, AntennaArray)
-    ]
-    shapes = {capture.samples.shape[:2] for capture in captures}
-    if len(arrays) < len(captures) or len(shapes) > 1:
-        found = (
-            f"{len(arrays)} of {len(captures)} captures are of antenna arrays, with [frame, "
-            f"frequency] shapes {sorted(shapes)}"
-        )
-        raise HandbenchError(
-            f"array: {found}; expected only antenna arrays, all with the same frames and tones"
-        )
-    measured = [np.ones(a.channels, bool) if a.measured is None else a.measured for a in arrays]
-    pairs = np.argwhere(block_diag(*measured)).T  # in the order of the arrays and of their pairs
-    samples = np.concatenate(
-        [c.samples[:, :, own] for c, own in zip(captures, measured, strict=True)], axis=2
-    )
-    places_m = (
-        np.concatenate([getattr(array, name) for array in arrays]) for name in ("tx_m", "rx_m")
-    )
-    samples, aperture = _of_pairs(samples, *pairs, *places_m)
-    return replace(captures[0], samples=samples, aperture=aperture)
 
 
 def _of_pairs(

@@ -7,7 +7,6 @@ from pathlib import Path
 import h5py
 import numpy as np
 import tomlkit
-from scipy.io import savemat
 
 from handbench.bench.datasets.maroon_frame import Frame
 from handbench.bench.datasets.native import ARRAY, ECHOES, CaptureFile, save_capture_file
@@ -17,8 +16,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.files import write_json
 from tests.bench.datasets import test_mapping as foreign
-from tests.bench.datasets import test_ti_raw as board
-from tests.bench.datasets import test_ti_studio as studio
+from tests.bench.datasets import test_ti as board
 from tests.bench.datasets import test_touchstone as analyser
 from tests.bench.datasets.maroon_writer import write_alignment, write_frame
 from tests.fuzz.geometry_seeds import depth, meshes, radar_from_photo
@@ -89,13 +87,11 @@ def mapping(folder: Path) -> None:
 
 
 def matlab(folder: Path) -> None:
-    """A file of MATLAB before 7.3, one variable packed, and its description."""
-    words = tomlkit.dumps(foreign.mapping()).replace("set/", "").replace("hand.mat", MATLAB)
+    """A packed file of MATLAB before 7.3, and its description."""
+    words = tomlkit.dumps(foreign.mapping()).replace("hand.mat", MATLAB)
     (folder / foreign.MAPPING).write_text(words)
-    places = {"tx": 1e3 * foreign.TX_M, "rx": 1e3 * foreign.RX_M, "f": foreign.TONES_HZ / 1e9}
-    savemat(folder / MATLAB, places, appendmat=False)
-    with (folder / MATLAB).open("ab") as stream:
-        savemat(stream, {"xr": foreign.SAMPLES.conj().T}, do_compression=True)
+    foreign.matlab_7(folder / "hand.mat")
+    (folder / "hand.mat").rename(folder / MATLAB)
 
 
 def maroon(folder: Path) -> None:
@@ -117,18 +113,9 @@ def maroon(folder: Path) -> None:
 
 def touchstone(folder: Path) -> None:
     """Four Touchstone files of two ports, with the positions of their antennas."""
-    files = {name: analyser.two_port(*at) for name, at in analyser.PAIRS.items()}
-    analyser.folder_of(folder, files, analyser.PAIRS)
+    analyser.pairs_of(folder, np.eye(2, 3), -np.eye(2, 3), np.array([0, 0, 0.3]))
 
 
 def ti_raw(folder: Path) -> None:
     """A TI radar's raw capture with the SDK's profile."""
-    board.write(folder, board.CFG, board.stream(2, 3, 2, range(4), 8))
-
-
-def ti_studio(folder: Path) -> None:
-    """A TI radar's raw capture with mmWave Studio's profile."""
-    studio.write(folder, [studio.radar()], bytes(range(256)))
-    for name in ("tx_m", "rx_m"):
-        rows = "".join(f"0.00{k},0.0{k},0\n" for k in range(4))
-        (folder / f"{name}.csv").write_text("x_m,y_m,z_m\n" + rows)
+    board.write(folder, numbers=board.stream(board.counted(2)[0]))

@@ -13,7 +13,7 @@ from typing import Any
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
-from handbench.bench.datasets.ti_raw import import_ti_raw
+from handbench.bench.datasets.ti import import_ti_raw
 from handbench.bench.datasets.touchstone import import_touchstone
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import problems_of
@@ -186,13 +186,6 @@ READERS: tuple[Reader, ...] = (
         captures.ti_raw,
         _writing(lambda folder: import_ti_raw(folder, folder / OUT)),
         ("profile.cfg", "profile.cfg", "adc_data.bin", "tx_m.csv"),
-        3,
-    ),
-    Reader(
-        "ti_studio",
-        captures.ti_studio,
-        _writing(lambda folder: import_ti_raw(folder, folder / OUT)),
-        ("a.mmwave.json", "a.mmwave.json", "adc_data.bin"),
         3,
     ),
     Reader("scene", _benchmark, _scene, ("scene.toml",), 3),

@@ -1,8 +1,6 @@
 """Captures of any kind by `echoes.h5`: a file of version 2 becomes the capture that version 1 would
 hold."""
 
-from dataclasses import replace
-
 import h5py
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from handbench.calibration.array.array_file import save_array, with_calibration
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.recording import SPARSE, join_arrays
+from handbench.radar.data.recording import SPARSE
 from handbench.support.errors import HandbenchError
 from tests.fuzz.capture_seeds import array_calibration
 
@@ -123,23 +121,6 @@ def test_a_scan_without_some_of_its_positions(tmp_path):
     capture = loaded(tmp_path, samples=samples, position_m=position_m, tx_m=None, rx_m=None)
     assert capture.samples.shape == (1, 5, 5)
     np.testing.assert_array_equal(capture.aperture.position_m, np.delete(position_m, 2, axis=0))
-
-
-def test_several_arrays_receive_their_own_echoes_alone():
-    one, other = (
-        RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M + x, RX_M + x)) for x in (0.0, 1.0)
-    )
-    capture = join_arrays([one, other])
-    assert capture.samples.shape == (2, 5, 2 * T, 2 * R)
-    np.testing.assert_array_equal(
-        capture.aperture.measured, np.kron(np.eye(2), np.ones((T, R))) > 0
-    )
-    for k, x in enumerate((0.0, 1.0)):
-        block = np.s_[:, :, k * T : (k + 1) * T, k * R : (k + 1) * R]
-        np.testing.assert_array_equal(capture.samples[block], SAMPLES)
-        np.testing.assert_array_equal(capture.aperture.rx_m[k * R : (k + 1) * R], RX_M + x)
-    with pytest.raises(HandbenchError, match="all with the same frames and tones"):
-        join_arrays([one, replace(one, samples=SAMPLES[:1])])
 
 
 MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
