@@ -24,7 +24,7 @@ from handbench.support.files import atomic_folder, require_folder
 
 KNOWN = f"{DESCRIPTION} (handbench), {MAPPING} (other programs) or radar_*/calibrated_data (MAROON)"
 # a file in a folder that has to be imported → the name of its data set
-RAW = {"positions.csv": "touchstone", "adc_data.bin": "ti-raw", "master_0000_data.bin": "ti-raw"}
+RAW = {"positions.csv": "touchstone", "adc_data.bin": "ti-raw"}
 # behind a MAROON capture's path: its frames without the empty room
 AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"
 DEPTH = 3  # folders below a data set's root in which captures are looked for

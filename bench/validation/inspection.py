@@ -8,8 +8,7 @@ from typing import Any
 from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
-from handbench.bench.datasets.ti_profile import is_ti_raw
-from handbench.bench.datasets.ti_samples import read_raw
+from handbench.bench.datasets.ti import is_ti_raw, read_raw
 from handbench.bench.results import load as load_result
 from handbench.bench.results import load_tradeoff
 from handbench.bench.run.benchmark_file import find_benchmark, load_benchmark

@@ -11,7 +11,7 @@ from handbench.support.progress import say
 def run(options: argparse.Namespace) -> None:
     """Convert a data set in another format to a capture folder, and write it (-o)."""
     from handbench.bench.datasets.dataset import IMPORTED, import_capture
-    from handbench.bench.datasets.ti_raw import import_ti_raw
+    from handbench.bench.datasets.ti import import_ti_raw
     from handbench.bench.datasets.touchstone import import_touchstone
 
     settings: dict[str, Any] = {}

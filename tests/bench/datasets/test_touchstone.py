@@ -1,7 +1,4 @@
-"""Touchstone files, written here word by word from the format's definition."""
-
-import cmath
-import math
+"""Touchstone files, written here from the format's definition."""
 
 import numpy as np
 import pytest
@@ -10,163 +7,94 @@ import handbench as hb
 from handbench.bench.datasets.touchstone import import_touchstone
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
+from tests.radar.simulated_points import strongest_z_m
 
-C = 299_792_458.0
-GHZ = [2.0, 3.5, 5.25]
-POINT = (0.02, -0.01, 0.3)
 HEADER = "file,tx_x_m,tx_y_m,tx_z_m,rx_x_m,rx_y_m,rx_z_m\n"
+ONE = "# GHz S RI R 50\n1 0.5 -0.25\n2 0.125 1\n"
+ROW = "a.s1p,0,0,0,0,0,0\n"
 
 
-def s21(ghz, tx, rx):
-    path = math.dist(tx, POINT) + math.dist(POINT, rx)
-    return 0.4 * cmath.exp(-2j * math.pi * ghz * 1e9 * path / C)
-
-
-def two_port(tx, rx, option="# GHz S RI R 50", unit=1.0, form="RI", wrapped=False):
-    def pair(value):
-        if form == "RI":
-            return f"{value.real!r} {value.imag!r}"
-        size = abs(value) if form == "MA" else 20 * math.log10(abs(value))
-        return f"{size!r} {math.degrees(cmath.phase(value))!r}"
-
-    lines = ["! made by hand", option, "! f S11 S21 S12 S22"]
-    for ghz in GHZ:
-        values = [0.9j, s21(ghz, tx, rx), 0.3 + 0.1j, -0.8]
-        parts = [f"{ghz * unit!r} {pair(values[0])}", *map(pair, values[1:])]
-        lines.append(("\n  " if wrapped else " ").join(parts) + " ! a tone")
-    return "\r\n".join(lines) + "\r\n"
-
-
-def folder_of(tmp_path, files, places, header=HEADER):
-    rows = [",".join([name, *map(str, (*tx, *rx))]) for name, (tx, rx) in places.items()]
-    (tmp_path / "positions.csv").write_text(header + "\n".join(rows) + "\n")
+def written(folder, files, rows):
+    folder.mkdir(exist_ok=True)
+    (folder / "positions.csv").write_text(HEADER + rows)
     for name, text in files.items():
-        (tmp_path / name).write_bytes(text.encode("latin-1"))
-    return tmp_path
+        (folder / name).write_text(text)
+    return folder
 
 
-PAIRS = {
-    f"{t}{r}.s2p": ((0.05 * t, 0.0, 0.0), (0.0, 0.04 * r, 0.0)) for t in (1, 2) for r in (1, 2)
-}
+def pairs_of(folder, tx_m, rx_m, point_m):
+    """A folder with the echo of a point as S21 of all pairs, in degrees and megahertz."""
+    tones_hz, files, rows = np.linspace(72e9, 82e9, 51), {}, ""
+    for t, r in np.ndindex(len(tx_m), len(rx_m)):
+        path_m = np.linalg.norm(tx_m[t] - point_m) + np.linalg.norm(rx_m[r] - point_m)
+        degrees = -360 * tones_hz * path_m / 299_792_458.0
+        lines = [
+            f"{f / 1e6} 9 0 0.4 {a} 9 0 9 0" for f, a in zip(tones_hz, degrees % 360, strict=True)
+        ]
+        files[f"{t}{r}.s2p"] = "! made by hand\n# MHz S MA R 50\n" + "\n".join(lines) + "\n"
+        rows += ",".join([f"{t}{r}.s2p", *map(str, (*tx_m[t], *rx_m[r]))]) + "\n"
+    return written(folder, files, rows)
 
 
-@pytest.mark.parametrize(
-    ("option", "unit", "form", "wrapped"),
-    [
-        ("# GHz S RI R 50", 1.0, "RI", False),
-        ("#hz ri r 75 s", 1e9, "RI", True),
-        ("#", 1.0, "MA", False),  # the standard's defaults
-        ("# R 50.0 DB S MHZ\n# Hz Z RI R 1", 1e3, "DB", False),  # only the first counts
-        ("# kHz", 1e6, "MA", False),
-    ],
-)
-def test_an_array_of_two_ports(tmp_path, capsys, option, unit, form, wrapped):
-    noise = f"{unit!r} 2.5 0.5 45 10\n{2 * unit!r} 2.7 0.5 45 10\n"
-    files = {name: two_port(*at, option, unit, form, wrapped) + noise for name, at in PAIRS.items()}
-    source, out = folder_of(tmp_path, files, PAIRS), tmp_path / "array"
+def test_pairs_are_an_array_whose_images_show_the_target(tmp_path):
+    tx_m = np.array([[0.0, y, 0.0] for y in np.linspace(-0.03, 0.03, 5)])
+    source = pairs_of(tmp_path / "source", tx_m, tx_m[:, [1, 0, 2]], np.array([0.01, 0, 0.5]))
+    out, depth = tmp_path / "out", tmp_path / "depth.npz"
     assert main(["import", "touchstone", str(source), "-o", str(out)]) == 0
-    assert f"the capture is in {out}" in capsys.readouterr().err
-    echoes = hb.load(out).echoes
-    assert isinstance(echoes.aperture, AntennaArray)
-    assert echoes.frequencies_hz == pytest.approx([2e9, 3.5e9, 5.25e9], rel=1e-12)
-    expected = [
-        [[s21(f, tx, rx) for rx in echoes.aperture.rx_m] for tx in echoes.aperture.tx_m]
-        for f in GHZ
-    ]
-    np.testing.assert_allclose(echoes.samples[0], expected, atol=1e-6)
+    assert isinstance(hb.load(out).echoes.aperture, AntennaArray)
+    assert main(["reconstruct", str(out), "--method", "3fsk", "-o", str(depth)]) == 0
+    assert strongest_z_m(load_depthmap(depth)) == pytest.approx(0.5, abs=1e-3)
 
 
-def test_one_port_that_is_moved_is_a_scan_and_a_parameter_can_be_chosen(tmp_path):
-    places = {f"{k}.S1P": ((0.01 * k, 0.0, 0.0),) * 2 for k in range(3)}
-    files = {
-        name: "# GHz S RI R 50\n1 0.5 -0.25\n2 0.125 1\n".replace("0.5", f"{k}.5")
-        for k, name in enumerate(places)
-    }
-    import_touchstone(folder_of(tmp_path, files, places), tmp_path / "scan")
+def test_one_port_that_is_moved_is_a_scan(tmp_path):
+    rows = "".join(f"{k}.s1p,{k / 100},0,0,{k / 100},0,0\n" for k in range(3))
+    files = {f"{k}.s1p": ONE.replace("0.5", f"{k}.5") for k in range(3)}
+    import_touchstone(written(tmp_path, files, rows), tmp_path / "scan")
     echoes = hb.load(tmp_path / "scan").echoes
     assert isinstance(echoes.aperture, PlanarScan)
     assert echoes.aperture.position_m[:, 0].tolist() == [0, 0.01, 0.02]
     assert echoes.samples[0].tolist() == [[0.5 - 0.25j, 1.5 - 0.25j, 2.5 - 0.25j], [0.125 + 1j] * 3]
 
 
-@pytest.mark.parametrize(("parameter", "value"), [("S11", 0.9j), ("S12", 0.3 + 0.1j)])
-def test_another_parameter(tmp_path, parameter, value):
-    places = {f"{k}.s2p": ((0.01 * k, 0.1, 0.0), (0.01 * k, 0.0, 0.0)) for k in range(12)}
-    files = {name: two_port(*at) for name, at in places.items()}
-    source, out = folder_of(tmp_path, files, places), tmp_path / "out"
-    asked = ["--set", f"parameter={parameter}"]
-    assert main(["import", "touchstone", str(source), "-o", str(out), *asked]) == 0
-    echoes = hb.load(out).echoes
+def test_another_parameter_of_a_few_of_many_pairs(tmp_path):
+    rows = "".join(f"{k}.s2p,{k / 100},1,0,{k / 100},0,0\n" for k in range(12))
+    files = {f"{k}.s2p": "# Hz S RI R 50\n1e9 1 0 2 0 3 0.5 4 0\n" for k in range(12)}
+    import_touchstone(written(tmp_path, files, rows), tmp_path / "out", {"parameter": "S12"})
+    echoes = hb.load(tmp_path / "out").echoes
     assert isinstance(echoes.aperture, BistaticScan)  # twelve pairs of 144
-    np.testing.assert_allclose(echoes.samples, value, atol=1e-7)
-
-
-GOOD = "# GHz S RI R 50\n1 0.5 0\n2 0.5 0\n"
-ROW = "a.s1p,0,0,0,0,0,0\n"
+    np.testing.assert_array_equal(echoes.samples, np.full((1, 1, 12), 3 + 0.5j))
 
 
 @pytest.mark.parametrize(
-    ("files", "rows", "message"),
+    ("files", "rows", "place"),
     [
-        ({}, "", "positions.csv: lists no file"),
-        ({}, ROW, "a.s1p: expected a Touchstone file, found nothing"),
-        ({"a.s1p": GOOD}, "a.s1p,0,0\n", "line 2 has 3 columns; expected 7"),
-        ({"a.s1p": GOOD}, "a.s1p,0,0,0,0,0,x\n", "line 2: could not convert"),
-        ({"a.s1p": GOOD}, "a.s1p,0,0,0,0,0,nan\n", "NaN or infinite"),
-        (
-            {"a.s1p": GOOD},
-            ROW + "a.s1p,1,0,0,0,0,0\n",
-            "line 3 repeats the file or the position of line",
-        ),
-        ({"a.s1p": GOOD, "b.s1p": GOOD}, ROW + ROW.replace("a.", "b."), "the position of line 2"),
-        ({}, "../a.s1p,0,0,0,0,0,0\n", "is outside the folder"),
-        (
-            {"a.s3p": GOOD},
-            ROW.replace("s1p", "s3p"),
-            "not a Touchstone file; expected a name that ends in .s1p",
-        ),
-        ({"a.s1p": "1 0.5 0\n"}, ROW, "line 1 is before the option line; expected '#'"),
-        ({"a.s1p": "# GHz Y RI\n1 0.5 0\n"}, ROW, "line 1 has the option 'Y'"),
-        ({"a.s1p": "# GHz R x\n1 0.5 0\n"}, ROW, "line 1 has the option 'R'"),
-        (
-            {"a.s1p": "[Version] 2.0\n" + GOOD},
-            ROW,
-            "line 1 is '[Version] 2.0', which is Touchstone version 2",
-        ),
-        ({"a.s1p": GOOD + "3 0.5 O\n"}, ROW, "line 4 is '3 0.5 O'; expected 3"),
-        ({"a.s1p": GOOD + "3 0.5 0 1\n"}, ROW, "line 4 is '3 0.5 0 1'; expected 3"),
-        ({"a.s1p": GOOD + "3 0.5 inf\n"}, ROW, "line 4 is '3 0.5 inf'; expected 3"),
-        (
-            {"a.s1p": GOOD + "2 0.5 0\n"},
-            ROW,
-            "line 4 has the frequency 2; expected one above the frequency before it, 2",
-        ),
-        ({"a.s1p": GOOD + "3 0.5\n"}, ROW, "ends at line 4 with 2 numbers; expected 3"),
-        ({"a.s1p": "# Hz\n"}, ROW, "ends at line 1 with 0 numbers"),
-        ({"a.s1p": "# DB\n1 900 0\n"}, ROW, "S11 has a magnitude of 1e+45; expected"),
-        (
-            {"a.s1p": GOOD, "b.s1p": GOOD.replace("2 ", "3 ")},
-            ROW + "b.s1p,1,0,0,0,0,0\n",
-            "b.s1p: has 2 tones in 1–3 GHz, but a.s1p has 2 tones in 1–2 GHz",
-        ),
-        ({"a.s1p": "!" + "x" * 2**23}, ROW, "too many for a Touchstone file (at most 8388608)"),
+        ({}, "", "positions.csv"),
+        ({}, ROW, "a.s1p"),
+        ({"a.s1p": ONE}, "a.s1p,0,0\n", "positions.csv"),
+        ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,x\n", "positions.csv"),
+        ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,inf\n", "positions.csv"),
+        ({}, "../a.s1p,0,0,0,0,0,0\n", "positions.csv"),
+        ({"a.txt": ONE}, ROW.replace("s1p", "txt"), "a.txt"),
+        ({"a.s1p": "# THz Q RI\n1 0.5 0\n"}, ROW, "a.s1p"),
+        ({"a.s1p": ONE + "3 0.5 O\n"}, ROW, "a.s1p"),
+        ({"a.s1p": ONE + "3 0.5\n"}, ROW, "a.s1p"),
+        ({"a.s1p": ONE + "3 0.5 inf\n"}, ROW, "a.s1p"),
+        ({"a.s1p": ""}, ROW, "a.s1p"),
+        ({"a.s1p": "!" + "x" * 2**23}, ROW, "a.s1p"),
+        ({"a.s1p": ONE, "b.s1p": ONE + "3 1 1\n"}, ROW + "b.s1p,1,0,0,0,0,0\n", "b.s1p"),
     ],
 )
-def test_what_is_refused(tmp_path, files, rows, message):
-    folder_of(tmp_path, files, {}, HEADER + rows)
+def test_broken_files_are_refused(tmp_path, files, rows, place):
     with pytest.raises(HandbenchError) as caught:
-        import_touchstone(tmp_path, tmp_path / "out")
-    assert message in str(caught.value)
-    assert str(tmp_path) in str(caught.value) or "positions.csv" in str(caught.value)
-    assert "\n" not in str(caught.value)
+        import_touchstone(written(tmp_path, files, rows), tmp_path / "out")
+    assert place in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()
 
 
-def test_s21_of_one_port_and_an_unknown_setting_are_refused(tmp_path, capsys):
-    source = folder_of(tmp_path, {"a.s1p": GOOD}, {}, HEADER + ROW)
-    command = ["import", "touchstone", str(source), "-o", str(tmp_path / "out"), "--set"]
-    assert main([*command, "parameter=S21"]) == 2
-    assert "a.s1p: has only S11, but S21 is requested" in capsys.readouterr().err
-    assert main([*command, "port=2"]) == 2
-    assert "--set: unknown key 'port'" in capsys.readouterr().err
+def test_unknown_settings_are_refused(tmp_path):
+    source = written(tmp_path, {"a.s1p": ONE}, ROW)
+    for settings in ({"parameter": "S21"}, {"port": 2}):
+        with pytest.raises(HandbenchError):
+            import_touchstone(source, tmp_path / "out", settings)
