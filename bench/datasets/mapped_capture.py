@@ -175,21 +175,17 @@ def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.nd
 
 def _shape(
     stored: tuple[int, ...], axes: tuple[str, ...], counts: dict[str, int], reversed: bool
-) -> tuple[int, ...] | None:
+) -> list[int] | None:
     """Compute the shape in which an array has these axes; None if it does not fit.
 
     stored: as the file has it; axes of length one that have no name are left out. reversed: the
     file is MATLAB's, which leaves out last axes of length one.
     """
-    extra = len(stored) - len(axes)
-    if reversed:
-        stored = (1,) * -extra + stored
-    ones = [k for k, size in enumerate(stored) if size == 1][: max(extra, 0)]
-    shape = tuple(size for k, size in enumerate(stored) if k not in ones)
-    if len(shape) != len(axes) or 0 in shape:
-        return None
-    fits = all(counts.get(axis, size) == size for axis, size in zip(axes, shape, strict=True))
-    return shape if fits else None
+    shape = [1] * (reversed * (len(axes) - len(stored))) + [*stored]
+    while len(shape) > len(axes) and 1 in shape:
+        shape.remove(1)
+    expected = [counts.get(axis, size) for axis, size in zip(axes, shape, strict=False)]
+    return shape if len(shape) == len(axes) and shape == expected and 0 not in shape else None
 
 
 def _real(name: str, values: np.ndarray) -> np.ndarray:

@@ -65,10 +65,10 @@ class ComplexMapping(Config):
 
     @model_validator(mode="after")
     def _one_of_both(self) -> "ComplexMapping":
-        pair = self.real is not None and self.imag is not None
-        if (self.dataset is not None) == pair or (self.real is None) != (self.imag is None):
+        given = [name is not None for name in (self.dataset, self.real, self.imag)]
+        if given not in ([True, False, False], [False, True, True]):
             raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
-        if len(set(self.axes)) < len(self.axes) or (pair and RE_IM in self.axes):
+        if len(set(self.axes)) < len(self.axes) or (self.imag and RE_IM in self.axes):
             raise ValueError('name each axis once, and "re_im" only of one data set')
         return self
 

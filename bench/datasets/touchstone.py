@@ -61,8 +61,9 @@ def import_touchstone(
                 "with the same frequencies"
             )
     samples = np.stack([values for _, values in measured], axis=1)[None, None]
-    kind, places_m, pairs = "scan", {"position_m": tx_m}, None
-    if not np.array_equal(tx_m, rx_m):
+    if np.array_equal(tx_m, rx_m):
+        kind, places_m, pairs = "scan", {"position_m": tx_m}, None
+    else:
         tx_m, t = np.unique(tx_m, axis=0, return_inverse=True)
         rx_m, r = np.unique(rx_m, axis=0, return_inverse=True)
         kind, places_m, pairs = "other", {"tx_m": tx_m, "rx_m": rx_m}, np.stack([t, r], axis=1)
