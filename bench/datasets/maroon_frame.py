@@ -14,6 +14,7 @@ because the one in C reserves as much memory as a number in the file says.
 
 import pickle
 import pickletools
+from collections.abc import Callable
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import islice
@@ -105,23 +106,31 @@ class _Described:
         self.state = state
 
 
+def _describe(unpickler: Any) -> None:
+    """Describe the object that the topmost two of the unpickler's stack, a function and its
+    arguments, make. Python's error for others would print them, which a few bytes can make
+    endless."""
+    arguments, function = unpickler.stack.pop(), unpickler.stack.pop()
+    if function is not _Described or not isinstance(arguments, tuple):
+        raise ValueError("it calls something else than numpy's functions")
+    unpickler.stack.append(_Described(*arguments))
+
+
+STEPS: dict[int, Callable[[Any], None]] = {
+    **pickle._Unpickler.dispatch,
+    pickle.REDUCE[0]: _describe,
+}
+
+
 class _Unpickler(pickle._Unpickler):
     """An unpickler that knows numpy's arrays, types and scalars only."""
+
+    dispatch = STEPS
 
     def find_class(self, module: str, name: str) -> type[_Described]:
         if (module, name) not in NAMES:
             raise ValueError(f"it uses {module}.{name}, which is not allowed")
         return _Described
-
-    def load_reduce(self) -> None:
-        """Describe the object that the topmost two of the stack, a function and its arguments,
-        make. Python's error for others would print them, which a few bytes can make endless."""
-        arguments, function = self.stack.pop(), self.stack.pop()
-        if function is not _Described or not isinstance(arguments, tuple):
-            raise ValueError("it calls something else than numpy's functions")
-        self.stack.append(_Described(*arguments))
-
-    dispatch = pickle._Unpickler.dispatch | {pickle.REDUCE[0]: load_reduce}
 
 
 def _array(value: Any) -> np.ndarray:
@@ -136,5 +145,5 @@ def _array(value: Any) -> np.ndarray:
     number = np.dtype("".join((dtype.state[1], dtype.arguments[0])))  # such as "<" and "c8"
     if number.kind not in "iufc":
         raise ValueError("it has an array of other objects than numbers")
-    order = "F" if by_column else "C"
-    return np.frombuffer(content, number).reshape([index(n) for n in shape], order=order)
+    numbers = np.frombuffer(content, number)
+    return numbers.reshape(tuple(map(index, shape)), order="F" if by_column else "C")
