@@ -56,7 +56,6 @@ from handbench.bench.results.tradeoff import (
     Setting,
     Tradeoff,
     TradeoffFacts,
-    best_at_each_speed,
     load_tradeoff,
     write_tradeoff,
 )
@@ -83,7 +82,6 @@ __all__ += [
     "Setting",
     "Tradeoff",
     "TradeoffFacts",
-    "best_at_each_speed",
     "load_tradeoff",
     "write_tradeoff",
 ]

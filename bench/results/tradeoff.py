@@ -47,9 +47,6 @@ class Setting:
     dominated_by: str = ""
     on_method_front: bool = False
     seen_percent: float | None = None
-    speed_m_s: float | None = None
-    velocity_mae_mm_s: float | None = None
-    velocity_limit_m_s: float | None = None
 
     @property
     def method(self) -> str:
@@ -60,20 +57,13 @@ class Setting:
             return ""
         return str(knobs.get("method", "")) if isinstance(knobs, dict) else ""
 
-    @property
-    def beyond_limit(self) -> bool:
-        """True if the target moves faster than the setting's largest unambiguous velocity."""
-        if self.speed_m_s is None or self.velocity_limit_m_s is None:
-            return False
-        return self.speed_m_s > self.velocity_limit_m_s
-
 
 class Section(Config):
     """One stage whose settings a trade-off compares.
     metric, unit, definition: of its error; seconds: which time is counted, in words; reference: the
     setting whose time is 1 in ratios of times."""
 
-    name: Literal["imaging", "groundtruth", "simulation", "registration", "motion"]
+    name: Literal["imaging", "groundtruth"]
     title: str
     metric: str
     unit: str
@@ -122,18 +112,6 @@ class Tradeoff:
         """Return the settings of one section (such as "imaging" or "groundtruth"), in the order of
         tradeoff.csv."""
         return tuple(setting for setting in self.settings if setting.section == name)
-
-
-def best_at_each_speed(settings: Iterable[Setting]) -> list[Setting]:
-    """Return the most accurate setting at each speed of a moving target, the slowest speed
-    first."""
-    best: dict[float, Setting] = {}
-    for s in settings:
-        if s.error is not None and s.speed_m_s is not None:
-            before = best.get(s.speed_m_s)
-            if before is None or before.error is None or s.error < before.error:
-                best[s.speed_m_s] = s
-    return [best[speed_m_s] for speed_m_s in sorted(best)]
 
 
 def write_tradeoff(folder: Path, facts: TradeoffFacts, settings: Iterable[Setting]) -> None:

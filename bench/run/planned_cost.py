@@ -17,7 +17,7 @@ from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.jobs import scene_of
 from handbench.bench.run.photogrammetry import TARGET_QUALITY
-from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep, known_configs, motion_settings
+from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, EFFORT_SHARES, predict_effort
 from handbench.radar.methods.advice import requested_tones_hz
@@ -38,7 +38,6 @@ FRAME = 0.15  # of a stage, for each frame behind the first
 # echoes of a small body and of a hand; a simulated megapixel
 BODY_S, HAND_S, PHOTO_S = (0.5, 20.0, 0.9)
 MOVED_S = 4.0  # one more frame of a moving hand
-PLACED_S = 15.0  # to simulate and measure the calibration target once
 MEGAPIXELS_PER_PX2 = 0.75e-6  # of a picture of 4 : 3, by the square of its longer side
 VOXEL_BYTES, SAMPLE_BYTES = 24, 24
 Part = tuple[str, str, str]  # names of a stage, its capture and its method
@@ -83,27 +82,15 @@ def of_sweep(
         for s in settings
     ]
     images = [imaging(config, channels, sweep.repeats, exact=False) for config, channels in configs]
-    photos, simulated, placed = sweep.groundtruth, sweep.simulation, sweep.registration
+    photos = sweep.groundtruth
     meshes = [
         predict_effort(views, views * MEGAPIXELS_PER_PX2 * long_px**2, quality)
         for views, long_px, quality in product(photos.views, photos.long_px, photos.quality)
     ]
-    ways = len(simulated.facets_per_wavelength) * len(simulated.without)
     sections = {
         "imaging": one_after_another(images * len(sources)),
         "groundtruth": one_after_another(Work(core_s, bytes_) for core_s, bytes_ in meshes),
-        "simulation": Work(BODY_S * sweep.repeats * len(simulated.scenes) * ways),
-        "registration": Work(PLACED_S * placed.trials * max(placed.captures)),
     }
-    if "motion" in sweep.sections:
-        knobs = sweep.motion
-        moved = {speed_m_s * step_s for speed_m_s in knobs.speed_m_s for step_s in knobs.step_s}
-        frames = [
-            imaging(method(s.method).configure(s.config, s.name), exact=False)
-            for s in motion_settings(sweep, known_configs(bench.method))
-        ]
-        times = len(knobs.speed_m_s) * len(knobs.step_s)
-        sections["motion"] = one_after_another([Work(HAND_S * len(moved)), *frames * times])
     opened = of_run(bench.model_copy(update={"method": ()}), base).values()
     return {"captures": one_after_another(opened)} | {
         name: sections[name] for name in sweep.sections

@@ -21,24 +21,20 @@ from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import Field, field_validator
 
 from handbench.bench.evaluation.metrics import TITLES
-from handbench.bench.scenes.scene_file import known_effects
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.photos.photos import FEWEST
 from handbench.radar.methods.registry import method
-from handbench.support.config import Config, checked_name, load, suggest
+from handbench.support.config import Config, checked_name, load
 from handbench.support.errors import HandbenchError
 from handbench.support.limits import MOST_TABLES
 
-SectionName = Literal["imaging", "groundtruth", "simulation", "registration", "motion"]
-SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth", "simulation", "registration")
+SectionName = Literal["imaging", "groundtruth"]
+SECTIONS: tuple[SectionName, ...] = ("imaging", "groundtruth")
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"))  # what names say in place of suffixes
-ORDINARY = 4.0  # facets, and mirrors of two bounces, to a wavelength in every simulation
 MOST_VALUES = 100  # of one parameter
-MOST_RIGS = 100  # and captures of each: numbers that are drawn from do not meet
-Positive = Annotated[float, Field(gt=0, le=1000)]
 DEFAULT = Path(__file__).parent / "benchmarks" / "tradeoff.toml"
 
 
@@ -110,91 +106,6 @@ class GroundTruthKnobs(Config):
     )
 
 
-class SimulationKnobs(Config):
-    """The parameters of the simulation that a trade-off varies, on scenes of parallel cylinders
-    that stand for fingers and palm.
-    scenes: names in bench/scenes/finger_scenes.py.
-
-    facets_per_wavelength, mirrors_per_wavelength: the shortest wavelength divided by the longest
-    edge of the facets that scatter, and of the mirrors that reflect bounces. nodes_apart: spacing
-    of the antennas for which paths with two bounces are traced, as a multiple of the usual spacing.
-    without: lists of effects to leave out; [] leaves out none. Each parameter is varied while the
-    others keep their first value; facets are also combined with every entry of `without`.
-    tolerance_mm: has no effect.
-    """
-
-    scenes: tuple[str, ...] = Field(
-        default=("fingers 6 mm apart, skin", "finger before palm, skin"),
-        min_length=1,
-        max_length=MOST_VALUES,
-    )
-    facets_per_wavelength: tuple[Positive, ...] = Field(
-        (ORDINARY, 2.0), min_length=1, max_length=MOST_VALUES
-    )
-    mirrors_per_wavelength: tuple[Positive, ...] = Field(
-        (ORDINARY, 2.0, 8.0), min_length=1, max_length=MOST_VALUES
-    )
-    nodes_apart: tuple[Positive, ...] = Field((1.0, 2.0, 0.5), min_length=1, max_length=MOST_VALUES)
-    without: tuple[Annotated[tuple[str, ...], AfterValidator(known_effects)], ...] = (
-        (),
-        ("multipath",),
-        ("multipath", "shadow_diffraction"),
-        ("multipath", "shadow_diffraction", "shadow_antennas"),
-        ("multipath", "shadow_diffraction", "shadow_antennas", "shadow_centre"),
-    )
-    tolerance_mm: tuple[Positive, ...] = Field((), max_length=MOST_VALUES)
-
-    @field_validator("scenes")
-    @classmethod
-    def _there(cls, scenes: tuple[str, ...]) -> tuple[str, ...]:
-        from handbench.bench.scenes.finger_scenes import NAMED  # with what makes meshes
-
-        for name in scenes:
-            if name not in NAMED:
-                raise ValueError(
-                    f"'{name}' is not a scene of fingers; {suggest(name, list(NAMED))}"
-                )
-        return scenes
-
-
-class RegistrationKnobs(Config):
-    """The parameters of the registration of camera and radar that a trade-off varies.
-    captures: how many captures of the target are combined; trials: number of simulated rigs, each
-    with a target whose dimensions are drawn within its tolerances."""
-
-    captures: tuple[Annotated[int, Field(ge=1, le=MOST_RIGS)], ...] = Field(
-        default=(1, 2, 4), min_length=1, max_length=MOST_VALUES
-    )
-    trials: int = Field(default=3, ge=1, le=MOST_RIGS)
-
-
-class MotionKnobs(Config):
-    """The parameters that a trade-off varies for a hand that moves away from the array.
-    speed_m_s: its speeds; step_s: times that the radar takes for one tone; imaging: methods and
-    their tones, as in [[tradeoff.imaging]]. phase_noise_rad: noise between two tones at the
-    strongest pixel for a step of 1 ms; its power is inversely proportional to the step."""
-
-    speed_m_s: tuple[Annotated[float, Field(ge=0, le=10)], ...] = Field(
-        default=(0, 0.02, 0.05, 0.1, 0.2, 0.5), min_length=1, max_length=MOST_VALUES
-    )
-    step_s: tuple[Annotated[float, Field(ge=1e-6, le=0.1)], ...] = Field(
-        default=(2e-4, 5e-4, 1e-3, 2e-3), min_length=1, max_length=MOST_VALUES
-    )
-    imaging: tuple[ImagingEntry, ...] = Field(
-        default=(
-            ImagingEntry(method="2fsk"),
-            ImagingEntry(method="3fsk", sweep={"f3_hz": (79.5e9, 77e9)}),
-            ImagingEntry(method="2fsk-doppler"),
-            ImagingEntry(method="3fsk-doppler", sweep={"f3_hz": (79.5e9, 77e9)}),
-            ImagingEntry(method="nfsk-doppler"),
-            ImagingEntry(method="broadband", sweep={"count": (8, 32)}),
-        ),
-        min_length=1,
-        max_length=MOST_VALUES,
-    )
-    phase_noise_rad: float = Field(default=0.034, ge=0, le=10)
-
-
 class TradeoffSweep(Config):
     """The table [tradeoff] of a benchmark file: which stages are varied, and over which parameters.
     repeats: how often each setting is timed, in rounds over all settings. step_s: the sensor's time
@@ -209,9 +120,6 @@ class TradeoffSweep(Config):
     sections: tuple[SectionName, ...] = Field(default=SECTIONS, min_length=1)
     imaging: tuple[ImagingEntry, ...] = ()
     groundtruth: GroundTruthKnobs = Field(default_factory=GroundTruthKnobs)
-    simulation: SimulationKnobs = Field(default_factory=SimulationKnobs)
-    registration: RegistrationKnobs = Field(default_factory=RegistrationKnobs)
-    motion: MotionKnobs = Field(default_factory=MotionKnobs)
 
 
 def complete_sweep(sweep: TradeoffSweep | None) -> TradeoffSweep:
@@ -265,12 +173,6 @@ def imaging_settings(
             f"{', '.join(names)}"
         )
     return settings
-
-
-def motion_settings(sweep: TradeoffSweep, known: dict[str, dict[str, Any]]) -> list[ImagingSetting]:
-    """List the imaging settings of a trade-off's moving hand, as `imaging_settings` does."""
-    entries = {"imaging": sweep.motion.imaging, "reference": None}
-    return imaging_settings(sweep.model_copy(update=entries), known)
 
 
 def known_configs(entries: Iterable[Any]) -> dict[str, dict[str, Any]]:

@@ -25,16 +25,9 @@ from handbench.bench.run.executors import LocalExecutor
 from handbench.bench.run.outcome import RunCapture
 from handbench.bench.run.planned_cost import of_sweep, one_after_another
 from handbench.bench.run.runner import Run
-from handbench.bench.run.sweep import (
-    TradeoffSweep,
-    complete_sweep,
-    imaging_settings,
-    known_configs,
-    motion_settings,
-)
+from handbench.bench.run.sweep import TradeoffSweep, complete_sweep, imaging_settings, known_configs
 from handbench.bench.tradeoff.groundtruth import measure_groundtruth
 from handbench.bench.tradeoff.imaging import measure_imaging
-from handbench.bench.tradeoff.motion import measure_motion
 from handbench.bench.tradeoff.settings import (
     MeasuredSection,
     TradeoffInputs,
@@ -42,7 +35,6 @@ from handbench.bench.tradeoff.settings import (
     rank,
     with_acquisition,
 )
-from handbench.bench.tradeoff.simulated_sections import measure_registration, measure_simulation
 from handbench.radar.imaging.device import describe
 from handbench.support.caller import option
 from handbench.support.config import parse
@@ -53,13 +45,7 @@ from handbench.support.folder import drop, locked
 from handbench.support.progress import part, predicted_work, say
 from handbench.support.store import versions
 
-MEASURE = {
-    "imaging": measure_imaging,
-    "groundtruth": measure_groundtruth,
-    "simulation": measure_simulation,
-    "registration": measure_registration,
-    "motion": measure_motion,
-}
+MEASURE = {"imaging": measure_imaging, "groundtruth": measure_groundtruth}
 PAPER_METHODS = ("2fsk", "3fsk", "broadband", "narrowband")
 STEP = (
     "an assumption: the sensor's time for one tone of all antennas is not published; `step_s` "
@@ -93,8 +79,6 @@ def run(
     bench = bench.model_copy(update={"tradeoff": sweep})
     # errors are reported before anything is measured
     settings = imaging_settings(sweep, known_configs(bench.method))
-    if "motion" in sweep.sections:
-        motion_settings(sweep, known_configs(bench.method))
     predicted = of_sweep(bench, base, sweep, settings)
     ahead = one_after_another(predicted.values())
     what = f"{', '.join(sweep.sections)}: {len(bench.capture)} captures"

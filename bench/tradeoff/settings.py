@@ -173,9 +173,7 @@ def line(
 
 def dominates(one: Setting, other: Setting) -> bool:
     """Return True if `one` is at least as fast, accurate and complete as `other`, and better in one
-    of these; False if either has no error or no time, or their targets differ in speed."""
-    if one.speed_m_s != other.speed_m_s:
-        return False
+    of these; False if either has no error or no time."""
     ours, theirs = ((s.seconds, s.error, -(s.seen_percent or 0.0)) for s in (one, other))
     if None in (*ours, *theirs) or ours == theirs:
         return False

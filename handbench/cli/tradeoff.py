@@ -82,12 +82,8 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
         counted = count_acquisition and section.name == "imaging"
         if counted:
             settings = rank(with_acquisition(settings), section.reference)
-        moving = any(s.speed_m_s is not None for s in settings)
-        against = "speed" if moving else "frame and acquisition" if counted else "time"
+        against = "frame and acquisition" if counted else "time"
         print(f"{section.title}: {section.metric} against {against}")
-        if moving:
-            print(_over_speed(section, settings))
-            continue
         print(_front(section, settings))
         print(*_beaten(settings), "", sep="\n")
     for claim in tradeoff.facts.claims:
@@ -98,24 +94,6 @@ def show(tradeoff: Tradeoff, count_acquisition: bool = False) -> None:
             f"{claim.text}: the paper says {claim.paper:.4g}, counted {counted_factor}, measured "
             f"{measured}"
         )
-
-
-def _over_speed(section: Section, settings: Sequence[Setting]) -> str:
-    """Return a Markdown table of the most accurate setting at each speed of the target."""
-    from handbench.bench.results import best_at_each_speed
-
-    best = best_at_each_speed(settings)
-    columns = {
-        "m/s": [f"{s.speed_m_s:g}" for s in best],
-        "most accurate": [s.name for s in best],
-        section.unit: [_text(s.error) for s in best],
-        "seen %": [_text(s.seen_percent, 4) for s in best],
-        "velocity mm/s": [
-            _text(s.velocity_mae_mm_s) + (" (beyond limit)" if s.beyond_limit else "") for s in best
-        ],
-        "frame ms": [_text(s.seconds and 1e3 * s.seconds) for s in best],
-    }
-    return markdown_table(columns, texts=("most accurate",))
 
 
 def _front(section: Section, settings: Sequence[Setting]) -> str:

@@ -77,8 +77,7 @@ class EchoScene:
     and for echoes over two or more places).
 
     Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided;
-    mirrors_coarser multiplies that of the mirrors of multiple bounces once more; nodes_apart
-    multiplies the distance between the antennas for which bounces are traced.
+    mirrors_coarser multiplies that of the mirrors of multiple bounces once more.
     """
 
     array: AntennaArray
@@ -93,7 +92,6 @@ class EchoScene:
     polarisation_deg: float = 90.0
     coarser: float = 1.0
     mirrors_coarser: float = 1.0
-    nodes_apart: float = 1.0
     frame_period_s: float | None = None
     origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bent: Callable[[float], np.ndarray] | None = None

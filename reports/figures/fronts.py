@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
-from handbench.reports.figures.motion import over_speed
 from handbench.reports.figures.style import (
     COLUMN_IN,
     INK,
@@ -29,13 +28,11 @@ LABEL_SHARE = np.array([0.05, 0.03])  # of the axes' width and height that a lab
 
 
 def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Yield the pictures of a trade-off. For each section, such as imaging or ground truth, this is
-    error against time of its settings, or against the speed of the target."""
+    """Yield the pictures of a trade-off: for each section, such as imaging or ground truth, error
+    against time of its settings."""
     for about in found.facts.sections:
         settings = found.section(about.name)
-        if any(setting.speed_m_s is not None and setting.error for setting in settings):
-            yield over_speed(about, settings)
-        elif any(is_plottable(setting) for setting in settings):
+        if any(is_plottable(setting) for setting in settings):
             yield front(about, settings)
 
 

@@ -1,31 +1,15 @@
-"""Figures of moving scenes: error over speed, of a result and of a trade-off, and error over the
-frames."""
+"""Figures of moving scenes: error over speed, and error over the frames."""
 
-from collections import defaultdict
-
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.results import (
-    HEADLINE,
-    VELOCITY_BEYOND,
-    VELOCITY_MAE,
-    CaptureFacts,
-    Result,
-    Section,
-    Setting,
-    best_at_each_speed,
-)
+from handbench.bench.results import HEADLINE, VELOCITY_BEYOND, VELOCITY_MAE, CaptureFacts, Result
 from handbench.bench.results.derived import START
 from handbench.reports.figures.style import (
-    COLUMN_IN,
     Picture,
-    drawn_methods,
     log_axis,
     methods,
     name_all,
-    narrow,
     side_by_side,
     width_in,
 )
@@ -33,7 +17,6 @@ from handbench.reports.tables.blocks import AGAINST, DRAWN
 
 FEWEST = 3  # captures that a line connects
 LINEAR_MM_S = 10.0  # of speeds, up to which their scale is linear
-REST = 2.5  # the slowest speed over that at which a target at rest is drawn, on an axis without 0
 
 
 def errors_over_speed(result: Result) -> Picture:
@@ -119,47 +102,5 @@ def error_over_frames(result: Result, capture: CaptureFacts | None = None) -> Pi
         "Mean absolute error over the frames"
         + (f": {points}." if len(names) > 1 else f" of capture {names[0]}."),
         f"Mean absolute error of each method in {lines.frame.nunique()} frames.",
-        figure,
-    )
-
-
-def over_speed(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot the error of each method over the speed of the target, for a trade-off.
-    A point is the method's most accurate setting at that speed; it is hollow if the speed exceeds
-    the setting's largest unambiguous velocity. Large points are the most accurate of all."""
-    by_method: dict[str, list[Setting]] = defaultdict(list)
-    for s in settings:
-        if s.error:
-            by_method[s.method].append(s)
-    best = best_at_each_speed(s for some in by_method.values() for s in some)
-    speeds = [s.speed_m_s or 0.0 for s in best]
-    rest = min((v for v in speeds if v > 0), default=1.0) / REST
-    figure = Figure(figsize=(COLUMN_IN, 3.4) if narrow() else (7.5, 4), layout="constrained")
-    axis = figure.subplots()
-    for method in drawn_methods({name: name for name in by_method}).values():
-        own = best_at_each_speed(by_method[method.name])
-        line = "-" if any(s.velocity_limit_m_s for s in by_method[method.name]) else "--"
-        inside = [i for i, s in enumerate(own) if not s.beyond_limit]
-        x, y = [s.speed_m_s or rest for s in own], [s.error or 0.0 for s in own]
-        method.draw(axis, x, y, linewidth=1.2, linestyle=line, markevery=inside)
-        for at, error, s in zip(x, y, own, strict=True):
-            if s in best or s.beyond_limit:
-                size = {"markersize": 8 if s in best else 4, "label": None}
-                method.draw(axis, at, error, fillstyle="none" if s.beyond_limit else "full", **size)
-    log_axis(axis, "x", "y")
-    axis.minorticks_off()
-    axis.set_xticks([v or rest for v in speeds], [f"{v:g}" for v in speeds])
-    axis.set(xlabel="speed of the hand in m/s", ylabel=f"MAE in {about.unit}")
-    name_all(figure)
-    listed = "; ".join(f"{s.title}: {np.round(s.error or 0, 2):g} {about.unit}" for s in best)
-    return Picture(
-        f"speed_{about.name}",
-        f"{about.title}: MAE over the speed of the hand, of each method's most accurate tones and "
-        "step time at that speed; solid lines: methods that measure velocities. "
-        "Large points: the most accurate of all methods. Hollow points: "
-        "the speed exceeds the largest unambiguous velocity. Both axes are logarithmic; a hand at "
-        "rest is at the left end.",
-        f"MAE over the speed of {len(by_method)} methods. The most accurate setting at each "
-        f"speed: {listed}.",
         figure,
     )

@@ -49,11 +49,7 @@ def section(found: Tradeoff, out: Path) -> dict[str, Any]:
     }
     parts = []
     for about in found.facts.sections:
-        shown = [
-            saved[stem]
-            for stem in (f"{kind}_{about.name}" for kind in ("front", "speed"))
-            if stem in saved
-        ]
+        shown = [saved[stem] for stem in (f"front_{about.name}",) if stem in saved]
         parts.append((about, shown, settings_grid(about, found.section(about.name))))
     return {"parts": parts, "claims": claims_grid(found)}
 
@@ -66,12 +62,9 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
     best = sorted((s for s in settings if s.on_front), key=lambda s: s.seconds or 0)
     rest = [s for s in settings if not s.on_front]
     titles = {s.name: s.title for s in settings}
-    moving = any(s.speed_m_s is not None for s in settings)
-    velocity = ("velocity MAE (mm/s)",) if moving else ()
-    numbered = () if moving else best
-    numbers = {s.name: str(i) for i, s in enumerate((s for s in numbered if is_plottable(s)), 1)}
+    numbers = {s.name: str(i) for i, s in enumerate((s for s in best if is_plottable(s)), 1)}
     error = f"{metric_words(about)} ({about.unit})"
-    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)", *velocity)
+    rest_of = ("seen (%)", "time (s)", "÷ reference", "operations", "memory (MB)")
     rows = tuple(
         (
             s.title,
@@ -84,18 +77,11 @@ def settings_grid(about: Section, settings: tuple[Setting, ...]) -> Grid:
             rounded(s.ratio),
             f"{s.operations:.2g}" if is_known(s.operations) else NONE,
             number(s.peak_memory_mb, 0),
-            *(velocity_text(s) for _ in velocity),
         )
         for s in (*best, *rest)
     )
     caption = f"{about.title}: {len(best)} settings on the front, {len(rest)} beaten"
     return Grid(caption, ("setting", "number, or beaten by", error, *rest_of), rows, texts=2)
-
-
-def velocity_text(s: Setting) -> str:
-    """Format the error of a setting's radial velocities in mm/s, with the word "beyond" if the
-    target is faster than the largest unambiguous velocity."""
-    return number(s.velocity_mae_mm_s, 1) + (" (beyond limit)" if s.beyond_limit else "")
 
 
 def claims_grid(found: Tradeoff) -> Grid | None:

@@ -46,7 +46,7 @@ def multipath(echoes: Echoes) -> Echoes:
     found: dict[int, Bundles] = {}
 
     def bounce(sense: int) -> None:
-        at = traced_nodes(arrays[sense], scene.nodes_apart)
+        at = traced_nodes(arrays[sense])
         few = AntennaArray(arrays[sense].tx_m[at[0]], arrays[sense].rx_m[at[1]])
         traced = trace(rays, mirrors, few, wavenumber)
         found[sense] = Bundles(traced, layer, at, scene.dipole)

@@ -37,11 +37,11 @@ SUMS = 8  # partial sums, whatever the number of threads
 EVERY = np.zeros((0, 0), np.float32)  # weights that leave an axis as it is
 
 
-def traced_nodes(array: AntennaArray, apart: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+def traced_nodes(array: AntennaArray) -> tuple[np.ndarray, np.ndarray]:
     """Choose the antennas for which rays are traced: (indices of transmitters, indices of
-    receivers). The samples of all other antennas are interpolated from those of the chosen ones.
-    apart: factor on the distances between chosen antennas (NODES_M)."""
-    return nodes(array.tx_m, apart * NODES_M[0]), nodes(array.rx_m, apart * NODES_M[1])
+    receivers). The samples of all other antennas are interpolated from those of the chosen
+    ones."""
+    return nodes(array.tx_m, NODES_M[0]), nodes(array.rx_m, NODES_M[1])
 
 
 class Cells(NamedTuple):

@@ -7,7 +7,7 @@ import pytest
 from handbench.bench.pipeline.image import require_near
 from handbench.bench.run import planned_cost
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.sweep import MotionKnobs, TradeoffSweep, complete_sweep
+from handbench.bench.run.sweep import complete_sweep
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture
@@ -33,16 +33,6 @@ def test_a_benchmark_grows_with_its_captures_and_its_settings():
     assert both_s - none_s == pytest.approx(2 * 12 * three_s) and three_s > one_s
     exact = method("2fsk").configure({"tolerance": None}, "test")
     assert planned_cost.imaging(exact).core_s > planned_cost.imaging(exact, exact=False).core_s
-    few_s, many_s = (
-        planned_cost.of_sweep(bench, base, complete_sweep(asked), [])["motion"].core_s
-        for speeds_m_s in ((0.1, 0.2), (0.1, 0.2, 0.3, 0.4))
-        for asked in [
-            TradeoffSweep(
-                sections=("motion",), motion=MotionKnobs(speed_m_s=speeds_m_s, step_s=(1e-3,))
-            )
-        ]
-    )
-    assert many_s == pytest.approx(2 * few_s)
 
 
 def test_more_than_the_limit_is_refused_before_the_folder_is_made(
