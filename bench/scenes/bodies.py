@@ -27,16 +27,13 @@ class PhotoBody:
     """A surface that the cameras see, in the photo frame.
 
     vertices_m [n, 3]; faces [m, 3]: triangles of vertex indices; normals [n, 3]: outward unit
-    vectors. albedo: function from points [n, 3] to reflectances [n, 3] (red, green, blue). skin:
-    True for skin, which may have highlights. board: True if the board's markers are printed on it.
+    vectors. albedo: function from points [n, 3] to reflectances [n, 3] (red, green, blue).
     """
 
     vertices_m: np.ndarray
     faces: np.ndarray
     normals: np.ndarray
     albedo: Albedo
-    skin: bool = False
-    board: bool = False
 
 
 def bodies(scene: Scene) -> list[PhotoBody]:
@@ -54,14 +51,9 @@ def bodies(scene: Scene) -> list[PhotoBody]:
         np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
     )
     vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
-    is_skin = not isinstance(scene.file.target, CalibrationTarget)
     result = [
-        _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo, skin=is_skin),
-        _body(
-            *cuboid(plate_box_m(), GRID_M),
-            _plate_albedo(scene.file.seed, pixel_m, plain),
-            board=True,
-        ),
+        _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo),
+        _body(*cuboid(plate_box_m(), GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain)),
     ]
     if scene.block_m is not None:
         result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
@@ -90,10 +82,10 @@ def _target_texture(scene: Scene) -> Albedo:
     )
 
 
-def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo, **kind: bool) -> PhotoBody:
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> PhotoBody:
     surface = mesh(vertices_m, faces)
     surface.compute_vertex_normals()
-    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo, **kind)
+    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo)
 
 
 def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:

@@ -1,18 +1,13 @@
 """Simulated photographs of a scene, by ray casting: diffuse light computed at vertices, solid
-textures, lens and sensor.
-
-Effects of real photographs can be switched on: highlights, speckle, defocus, blur, motion blur,
-noise, and errors of exposure and white balance.
-"""
+textures, blur and the sensor's noise."""
 
 from typing import Any
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import PhotoBody, bodies, texture_seed
+from handbench.bench.scenes.bodies import bodies
 from handbench.bench.scenes.build import Scene
-from handbench.bench.scenes.lens import ThinLens, blur_by_discs, line_kernel, near_edges
-from handbench.bench.scenes.light import LAMPS, Light, Projector, bake, mirrored, sunflower
+from handbench.bench.scenes.light import bake
 from handbench.bench.scenes.scene_file import Photos
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.simulation.known_effects import Choice
@@ -22,28 +17,19 @@ ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
 ROWS = 32  # photographed at a time: what they need on the way stays in the cache
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
-LENS_SAMPLES = 64  # points of the aperture at an edge out of focus
-# Roberts 2018: fills the pixel evenly
-R2_SEQUENCE = np.array([0.7548776662466927, 0.5698402909980532])
-NOISE, EXPOSURE, WHITE_BALANCE, MOTION = 3, 4, 5, 6  # seed of each effect's generator
+NOISE = 3  # seed of the noise's generator, with the scene's and the photograph's
 IDEAL: dict[
     str, dict[str, Any]
 ] = {  # by effect: the keys of [photos] that cause it, with the values that do not
-    "highlights": {"highlights": 0.0},
-    "speckle": {"speckle": 0.0},
-    "defocus": {"f_number": None},
     "blur": {"blur_px": 0.0},
-    "motion": {"motion_px": 0.0},
-    "exposure": {"exposure_spread": 0.0},
-    "white_balance": {"white_balance_spread": 0.0},
     "noise": {"full_well_e": 1e12, "read_noise_e": 0.0},  # far below a step of 8 bits
 }
 
 
 def photo_effects(photos: Photos) -> tuple[Choice, ...]:
-    """Return one row for each effect of photographs, such as defocus or noise: whether it is on,
-    and why. An effect is on if a key in the scene file's table [photos] that causes it differs from
-    its ideal value."""
+    """Return one row for each effect of photographs, blur and noise: whether it is on, and why. An
+    effect is on if a key in the scene file's table [photos] that causes it differs from its ideal
+    value."""
     rows = []
     for name, ideal in IDEAL.items():
         on = any(getattr(photos, key) != value for key, value in ideal.items())
@@ -58,13 +44,8 @@ class Studio:
 
     def __init__(self, scene: Scene) -> None:
         assert scene.file.photos is not None  # as there are cameras
-        self.scene, self.photos = scene, scene.file.photos
-        self.seed = scene.file.seed
+        self.photos, self.seed = scene.file.photos, scene.file.seed
         self.bodies = bodies(scene)
-        self.aim_m = scene.radar_from_photo.inverse().points(
-            scene.radar_from_target.matrix[None, :3, 3]
-        )[0]
-        self.projector = _projector(scene, self.photos, self.aim_m)
         o3d = load_open3d()
         self.rays = o3d.t.geometry.RaycastingScene()
         for body in self.bodies:
@@ -75,23 +56,17 @@ class Studio:
 
     def photograph(self, camera: Camera, number: int) -> np.ndarray:
         """Take one photograph. Returns uint8 [height, width, 3] in OpenCV's order blue, green, red.
-        number: seed of the photograph's random effects (noise, exposure, white balance, direction
-        of motion blur)."""
+        number: seed of the photograph's noise."""
         import cv2
 
         radiance, photos = self.expose(camera), self.photos
         if photos.blur_px > 0:
             radiance = cv2.GaussianBlur(radiance, (0, 0), photos.blur_px)
-        if photos.motion_px > 0:
-            angle_rad = generator(self.seed, MOTION, number).uniform(0, np.pi)
-            # The camera moved evenly; the sharp picture is that of the middle of the exposure.
-            radiance = cv2.filter2D(radiance, -1, line_kernel(photos.motion_px, angle_rad))
         return develop(radiance, photos, self.seed, number)[..., ::-1]
 
     def expose(self, camera: Camera) -> np.ndarray:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
-        white. Defocus is included; blur, motion and noise are not. Pixels at edges are means of
-        several rays."""
+        white, without blur and noise. Pixels at edges are means of several rays."""
         directions = camera.ray_directions()
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
@@ -104,24 +79,7 @@ class Studio:
             )
         edge = _edges(distance_m, label)
         radiance[edge] = self._supersample(camera.centre_m, directions, edge)
-        lens = self.lens(camera)
-        if lens is None:
-            return radiance
-        circle_px = lens.circle_px(distance_m * (directions @ camera.rotation[2]))
-        near = near_edges(edge, circle_px / 2)
-        radiance = blur_by_discs(radiance, circle_px)
-        radiance[near] = self._through_lens(camera, lens, directions, near)
         return radiance
-
-    def lens(self, camera: Camera) -> ThinLens | None:
-        """Return the thin lens of a camera, or None if photos.f_number is not set (then all depths
-        are sharp). The lens focuses at photos.focus_m or, by default, on the target's origin."""
-        if self.photos.f_number is None:
-            return None
-        focus_m = self.photos.focus_m or float((self.aim_m - camera.centre_m) @ camera.rotation[2])
-        return ThinLens.of(
-            camera, self.photos.f_number, 1e-3 * self.photos.sensor_width_mm, focus_m
-        )
 
     def shoot(
         self, origin_m: np.ndarray, directions: np.ndarray
@@ -152,52 +110,10 @@ class Studio:
             weights[:, 0], weights[:, 1:] = 1 - (uv[:, 0] + uv[:, 1]), uv
             corners = body.faces[hits["primitive_ids"][seen]]
             points_m = origin_m + distance_m[seen, None].astype(np.float64) * ray
-            radiance[seen] = self._shade(body, light, points_m, -ray, corners, weights)
+            irradiance = np.einsum("ij,ij->i", light[corners], weights).astype(np.float32)
+            radiance[seen] = body.albedo(points_m) * irradiance[:, None]
         shape = directions.shape[:-1]
         return radiance.reshape(directions.shape), distance_m.reshape(shape), label.reshape(shape)
-
-    def _shade(
-        self,
-        body: PhotoBody,
-        light: Light,
-        points_m: np.ndarray,
-        eyes: np.ndarray,
-        corners: np.ndarray,
-        weights: np.ndarray,
-    ) -> np.ndarray:
-        """Compute the radiance [n, 3] of points [n, 3] of a body towards the camera.
-
-        light: at the body's vertices. eyes [n, 3]: unit vectors to the camera. corners [n, 3]:
-        vertex indices of each point's triangle; weights [n, 3]: barycentric coordinates in it.
-        """
-        photos, projector = self.photos, self.projector
-        shines = body.skin and photos.highlights > 0
-        irradiance = np.einsum("ij,ij->i", light.irradiance[corners], weights)
-        mirror = np.zeros(len(points_m), dtype=np.float32)
-        if shines or projector:
-            normals = np.einsum("ijk,ij->ik", body.normals[corners], weights)
-            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        if shines:
-            unshadowed = np.einsum("ijk,ij->ik", light.open[corners], weights)
-            for lamp, share in zip(LAMPS, unshadowed.T, strict=True):
-                gleam = mirrored(
-                    points_m, normals, eyes, lamp.samples_m(), lamp.reach_m, photos.roughness
-                )
-                mirror += lamp.irradiance * share * gleam
-        if projector:
-            even = body.board and not photos.speckle_on_board
-            beam = projector.beam(self.rays, points_m, normals, even)
-            irradiance = (1 - projector.contrast) * irradiance + beam * projector.incidence(
-                points_m, normals
-            )
-            mirror *= 1 - projector.contrast
-            if shines:
-                at_m = projector.position_m[None]
-                mirror += beam * mirrored(
-                    points_m, normals, eyes, at_m, projector.throw_m, photos.roughness
-                )
-        diffuse = body.albedo(points_m) * irradiance[:, None].astype(np.float32)
-        return diffuse + photos.highlights * mirror[:, None]
 
     def _supersample(
         self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray
@@ -215,30 +131,6 @@ class Studio:
             for v in offsets:
                 total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
         return total / EDGE_SAMPLES**2
-
-    def _through_lens(
-        self, camera: Camera, lens: ThinLens, directions: np.ndarray, pixels: np.ndarray
-    ) -> np.ndarray:
-        """Compute the mean radiance [n, 3] over the area of each pixel in the mask `pixels`
-        [height, width] and over the lens's aperture, from 64 rays per pixel. directions [height,
-        width, 3]: rays through the pixels' centres."""
-        right, down = _pixel_steps(directions, pixels)
-        total = np.zeros((len(right), 3), dtype=np.float32)
-        for k, (u, v) in enumerate(zip(*sunflower(1.0, LENS_SAMPLES), strict=True)):
-            x, y = (k + 0.5) * R2_SEQUENCE % 1 - 0.5
-            total += self.shoot(
-                *lens.rays(camera, directions[pixels] + x * right + y * down, u, v)
-            )[0]
-        return total / LENS_SAMPLES
-
-
-def _projector(scene: Scene, photos: Photos, aim_m: np.ndarray) -> Projector | None:
-    if photos.speckle == 0:
-        return None
-    position_m = scene.radar_from_photo.inverse().points(np.array([photos.speckle_from_m]))[0]
-    return Projector(
-        position_m, aim_m, photos.speckle, photos.speckle_dot_m, texture_seed(scene) + 300
-    )
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -269,44 +161,15 @@ def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
     return cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
-def generator(seed: int, effect: int, number: int) -> np.random.Generator:
-    """Return the random number generator of one effect in the photograph `number` of a scene with
-    this seed. Each effect has its own, so that switching on another effect does not change its
-    random numbers."""
-    return np.random.default_rng([seed, effect, number])
-
-
 def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
     """Convert radiance [height, width, 3], with 1 for white, to 8-bit sRGB [height, width, 3], with
-    errors of exposure and white balance and with noise.
-
-    The sensor clips bright light first; the gains of the white balance are applied afterwards.
-    number: of the photograph; with the scene's seed, it determines the random numbers.
-    """
-    factor = exposure(photos.exposure_spread, generator(seed, EXPOSURE, number))
-    gains = white_balance(photos.white_balance_spread, generator(seed, WHITE_BALANCE, number))
-    result, noise = np.empty(radiance.shape, dtype=np.uint8), generator(seed, NOISE, number)
+    noise. number: of the photograph; with the scene's seed, it determines the random numbers."""
+    result = np.empty(radiance.shape, dtype=np.uint8)
+    random = np.random.default_rng([seed, NOISE, number])
     for top in range(0, len(radiance), ROWS):
         part = slice(top, top + ROWS)
-        result[part] = _srgb(np.minimum(_noisy(factor * radiance[part], photos, noise), 1) * gains)
+        result[part] = _srgb(_noisy(radiance[part], photos, random))
     return result
-
-
-def exposure(spread: float, random: np.random.Generator) -> float:
-    """Draw the factor by which a photograph's exposure is wrong. spread: its standard deviation in
-    stops (factors of two)."""
-    return float(2 ** (spread * random.standard_normal()))
-
-
-def white_balance(spread: float, random: np.random.Generator) -> np.ndarray:
-    """Draw the gains [3] of red, green and blue by which a photograph's white balance is wrong.
-
-    spread: standard deviation of red and blue relative to green, in stops (factors of two). The
-    smallest gain is 1, as in raw converters, so that clipped pixels stay white.
-    """
-    red, blue = spread * random.standard_normal(2)
-    gains = 2 ** np.array([red, 0.0, blue])
-    return (gains / gains.min()).astype(np.float32)
 
 
 def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) -> np.ndarray:

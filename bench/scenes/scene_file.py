@@ -236,24 +236,6 @@ class Photos(Config):
     read_noise_e: float = Field(default=6.0, ge=0, le=1e9)
     blur_px: float = Field(default=0.5, ge=0, le=100)  # Gaussian, standard deviation
     texture_contrast: float = Field(default=1.0, ge=0, le=100)  # 1 = natural skin or foam
-    # lamps mirrored by the skin; 1 = refractive index 1.4
-    highlights: float = Field(default=0.0, ge=0, le=20)
-    # of the skin that mirrors: GGX's alpha; 0.15 = oily
-    roughness: float = Field(default=0.3, ge=0.1, le=1)
-    f_number: float | None = Field(default=None, ge=0.5, le=1000)  # None: all depths are in focus
-    sensor_width_mm: float = Field(default=36.0, ge=1, le=100)
-    # along the optical axis; None: the target's origin
-    focus_m: float | None = Field(default=None, gt=0, le=100)
-    # standard deviation between photographs, stops
-    exposure_spread: float = Field(default=0.0, ge=0, le=3)
-    # of red and blue against green, stops
-    white_balance_spread: float = Field(default=0.0, ge=0, le=2)
-    # path of the moving camera, in a random direction
-    motion_px: float = Field(default=0.0, ge=0, le=100)
-    speckle: float = Field(default=0.0, ge=0, le=1)  # contrast of dots from a projector
-    speckle_dot_m: float = Field(default=1.5e-3, ge=1e-4, le=0.1)  # size at the target
-    speckle_from_m: tuple[Near, Near, Near] = (0.0, 0.22, 0.0)  # the projector, radar frame
-    speckle_on_board: bool = False  # else the board is lit evenly
 
     @model_validator(mode="after")
     def _readable(self) -> "Photos":
@@ -293,16 +275,6 @@ class Stand(Config):
     subtract: bool = False
 
 
-def known_effects(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return these names of effects unchanged. Raises ValueError for a name that is not an effect,
-    or that is listed twice."""
-    try:
-        check_names(names)
-    except HandbenchError as error:
-        raise ValueError(str(error).removeprefix("effects: ")) from None
-    return names
-
-
 class SceneFile(Config):
     """The content of a scene file.
 
@@ -334,7 +306,10 @@ class SceneFile(Config):
                 '"noise"]'
             )
         if isinstance(effects, list | tuple):
-            known_effects(tuple(str(name) for name in effects))
+            try:
+                check_names(tuple(str(name) for name in effects))
+            except HandbenchError as error:
+                raise ValueError(str(error).removeprefix("effects: ")) from None
         return effects
 
     @model_validator(mode="after")
