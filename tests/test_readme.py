@@ -1,53 +1,34 @@
-"""The tables of README and docs/results.md and the figure are those of the recorded result, of
-today's benchmark."""
+"""The tables of README and docs/results.md: written from a result, and compared with one."""
 
 from __future__ import annotations
 
-import json
-import tomllib
-from pathlib import Path
-
-import pytest
+from dataclasses import replace
 
 from docs import readme
-from handbench.bench.evaluation.metrics import METRICS, PAPER
-from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
-from handbench.support.store import versions
-
-ROOT = Path(__file__).parents[1]
-MEND = "run `make table`, then `python -m docs.readme runs/table --write`"
+from handbench.bench import results
+from handbench.bench.evaluation.tables import COMPARISONS, frame
+from tests.reports.synthetic_result import write_synthetic
 
 
-@pytest.fixture(scope="module")
-def recorded() -> dict:
-    return json.loads((ROOT / "docs" / "table.json").read_text("utf-8"))
-
-
-def test_the_table_the_figure_and_the_scenes_are_those_recorded():
-    assert readme.stale(ROOT) == [], MEND
-
-
-def test_the_record_is_of_todays_benchmark_and_definitions(recorded):
-    """Whatever keys a newer benchmark file may have: what the recorded one says, read as today, is
-    today's."""
-    then = BenchFile.model_validate(tomllib.loads(recorded["config"]))
-    now, chosen = load_benchmark("paper_table")[0], protocol(then.protocol)
-    assert then.model_dump(exclude={"tradeoff"}) == now.model_dump(exclude={"tradeoff"}), MEND
-    assert recorded["protocol"] == {"id": chosen.id, "version": chosen.version}, MEND
-    assert recorded["versions"]["handbench"] == versions()["handbench"], MEND
-    for key in readme.METRICS:
-        for name in ("title", "unit", "better", "definition"):
-            assert recorded["metrics"][key][name] == getattr(METRICS[key], name), MEND
-
-
-def test_every_figure_is_there_with_the_papers(recorded):
-    """Each method has each figure, but those without a precision of their own; the paper's are
-    those of handbench.bench.evaluation.metrics."""
-    rows = {(row["metric"], row["method"]): row for row in recorded["rows"]}
-    measured = {entry.id for entry in load_benchmark("paper_table")[0].method if entry.precision}
-    for metric in readme.METRICS:
-        for method in readme.METHODS:
-            if metric != "precision_mm" or method in measured:
-                assert rows[metric, method]["value"] is not None
-                assert rows[metric, method]["paper"] == PAPER.get((metric, method))
+def test_written_tables_agree_with_their_result_and_differ_from_another(tmp_path):
+    """1.2 µm of 1.20 mm are not printed, and times are the machine's."""
+    figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "photogrammetry", 3, 30, "")
+    found = results.load(write_synthetic(tmp_path / "result", equal=True))
+    compared = frame(COMPARISONS, [("mae_mm", "3fsk", "broadband", *figures, "none")])
+    result = replace(found, files={**found.files, "comparisons": compared})
+    (tmp_path / "docs").mkdir()
+    for page in readme.PAGES:
+        text = "before\n<!-- table: begin -->\nstale\n<!-- table: end -->\nafter\n"
+        (tmp_path / page).write_text(text, "utf-8")
+    readme.write(result, tmp_path)
+    text = (tmp_path / "README.md").read_text("utf-8")
+    assert text.startswith("before\n<!--") and text.endswith("-->\nafter\n")
+    row = result.row("mae_mm", "3fsk", "photogrammetry")
+    assert f"| {row.value:.2f} \\[{row.low:.2f}, {row.high:.2f}\\] *1.7* |" in text
+    assert (tmp_path / "docs" / "depth_F.png").read_bytes().startswith(b"\x89PNG")
+    assert list(readme.differences(result, tmp_path)) == []
+    for metric, factor, count in (("mae_mm", 1.001, 0), ("seconds", 3.0, 0), ("mae_mm", 1.1, 1)):
+        table = result.table.copy()
+        table.loc[(table.metric == metric) & (table.method == "3fsk"), "value"] *= factor
+        found = list(readme.differences(replace(result, table=table), tmp_path))
+        assert len(found) == count, found
