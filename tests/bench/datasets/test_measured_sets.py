@@ -5,10 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from docs.real_data import TUMOURS_M, advanced, gather, ring_delays_m
+from docs.real_data import TUMOURS_M, advanced, gather, imaged, ring_delays_m
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.image import configuration
-from handbench.radar.methods.registry import method
 
 SHARED = Path(__file__).parents[3].parent / "shared" / "data"
 
@@ -24,11 +22,6 @@ def sets(tmp_path):
         return tmp_path
 
     return made
-
-
-def imaged(folder, id, echoes=None):
-    echoes = open_capture(folder).echoes() if echoes is None else echoes
-    return method(id).run(echoes, configuration(folder, id, {}), 0).depth
 
 
 def test_a_flat_tape_is_flat_and_at_its_distance(sets):
