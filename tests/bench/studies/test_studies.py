@@ -35,7 +35,7 @@ def noise_fit(out):
     (out / "plate.toml").write_text(scene)
     (out / "bench.toml").write_text(
         'version = 1\nname = "fit"\nrepeats = 5\n[[method]]\nid = "2fsk"\n'
-        '[[capture]]\nscene = "plate.toml"\nmeasures = ["precision"]\n'
+        '[[capture]]\nscene = "plate.toml"\nmeasures = ["accuracy", "precision"]\n'
     )
     assert 1e-4 < measure_noise_fit.fit(str(out / "bench.toml"), 0.5) < 0.1
 
