@@ -46,10 +46,6 @@ def import_touchstone(
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
     chosen = parse(TouchstoneSettings, dict(settings or {}), option("--set", "settings"))
     names, tx_m, rx_m = _read_positions(source / POSITIONS)
-    if not names:
-        raise HandbenchError(
-            f"{source / POSITIONS}: lists no file; add a line for each measurement"
-        )
     measured = [
         read_touchstone(inside(source, name, POSITIONS), chosen.parameter) for name in names
     ]
