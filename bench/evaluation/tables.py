@@ -80,7 +80,7 @@ COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
 DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
 SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
-RANKING, MOTION = SCHEMAS["ranking"], SCHEMAS["motion"]
+MOTION = SCHEMAS["motion"]
 
 
 def frame(

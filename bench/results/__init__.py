@@ -16,8 +16,7 @@ All other tables of a `Result` are computed from these files (`bench.results.der
 """
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.tables import LEVEL, RANKING, each
-from handbench.bench.evaluation.tables import write as write_table
+from handbench.bench.evaluation.tables import LEVEL, each
 from handbench.bench.results.about import (
     HEADLINE,
     HEADLINES,
@@ -72,7 +71,7 @@ __all__ = [
     "MethodFacts",
     "MetricFacts",
 ]
-__all__ += ["LEVEL", "RANKING", "each", "metric_facts", "write_table"]
+__all__ += ["LEVEL", "each", "metric_facts"]
 __all__ += ["ErrorMap", "Frames", "SurfaceMap", "depth_path", "errors_path", "read_errors"]
 __all__ += ["write_errors", "write_frames", "write_photo", "write_surface"]
 __all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]

@@ -6,12 +6,9 @@ from handbench.support.errors import HandbenchError
 
 
 def run(options: argparse.Namespace) -> None:
-    """Write the report of one result folder, or for several folders a ranking of their methods and
-    the report of each.
-    Prints the path of the first page."""
-    from handbench.bench.results import load
-    from handbench.bench.results.ranking import rank_methods
-    from handbench.reports.page import html, leaderboard
+    """Write the report of one result folder, or of several with one page that shows all of their
+    methods. Prints the path of the first page."""
+    from handbench.reports.page import html, several
 
     if (
         options.out.exists()
@@ -30,5 +27,4 @@ def run(options: argparse.Namespace) -> None:
             "--tradeoff: works with one result folder only; leave --tradeoff out, or report each "
             "result separately"
         )
-    results = [load(folder) for folder in options.results]
-    print(f"report: {leaderboard.build(results, *rank_methods(results), options.out)}")
+    print(f"report: {several.build(options.results, options.out)}")

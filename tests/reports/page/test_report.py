@@ -18,7 +18,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.paired import compare
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import STYLE
-from handbench.reports.page import html, rendering, scene3d, sections, summary
+from handbench.reports.page import html, rendering, scene3d, sections, several, summary
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 from tests.reports.figures.test_film import sequence
@@ -142,6 +142,15 @@ def test_building_again_replaces_and_leaves_strangers_alone(folder, tmp_path, un
     assert html.build(folder, report) == report / "index.html"
     assert (report / "notes.txt").read_text() == "mine"
     assert (report / "index.html").read_bytes() == before  # same data, same bytes
+
+
+def test_several_results_have_one_page_with_a_row_for_each_method(folder, tmp_path, undrawn):
+    page = several.build([folder, folder], tmp_path / "out")
+    tags = parsed(page)
+    assert tags.open == [] and len(tags.images) == 4
+    hrefs = re.findall(r'href="(report[^"]*)"', page.read_text(encoding="utf-8"))
+    assert hrefs == 2 * ["report-1/index.html"] + 2 * ["report-2/index.html"]
+    assert all((tmp_path / "out" / href).is_file() for href in hrefs)
 
 
 def test_never_writes_over_the_result(folder):
