@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.intervals import FEWEST, figure_interval, note, precision_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, precision
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, precision
 from handbench.bench.evaluation.paired import (
     Difference,
     amount_text,
@@ -34,7 +34,6 @@ from handbench.bench.evaluation.paired import (
     paired_test,
     welch_test,
 )
-from handbench.bench.evaluation.sample_size import ALPHA, LEAST, hands_needed
 from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, by_method, conform, records, write
 from handbench.bench.results.about import REFERENCES, MethodFacts
 from handbench.bench.results.derived import compared_metrics
@@ -253,9 +252,7 @@ def _accuracy(
         difference = (paired_test if basis.paired else welch_test)(*samples)
         facts = {"reference": basis.reference, "paired": basis.paired}
         about = dict(facts)
-        if metric in tested:
-            about["spreads"] = _spreads(samples, basis.paired)
-        else:
+        if metric not in tested:
             difference = difference._replace(p=np.nan)
         if np.isnan(difference.p):
             about["untested"] = _captures(usable) if usable < FEWEST else OTHER_PIXELS
@@ -267,16 +264,6 @@ def _accuracy(
         for pair in each:
             lines += [line | facts for line in _each_capture(method, metric, *pair)]
     return lines
-
-
-def _spreads(samples: Sequence[np.ndarray], paired: bool) -> list[float]:
-    """Return the standard deviations that determine how many captures a test needs.
-    samples: a metric on the captures of A and of B. If they are paired, the result is the deviation
-    of the differences; otherwise it is one deviation for A and one for B. Empty with fewer than
-    three captures (LEAST)."""
-    parts = [samples[1] - samples[0]] if paired else samples
-    known = [part[np.isfinite(part)] for part in parts]
-    return [deviation(part) for part in known] if min(map(len, known)) >= LEAST else []
 
 
 def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]]:
@@ -363,8 +350,7 @@ def _line(
 
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """Make the table of differences between A and B (DIFFERENCES) from all lines. It adds p-values
-    corrected for all tests (Holm), the better result, the number of captures needed, and a
-    sentence."""
+    corrected for all tests (Holm), the better result, and a sentence."""
     lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
     lines["untested"] = lines.untested.fillna("")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
@@ -373,23 +359,8 @@ def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
         lambda metric: METRICS[metric].better == "lower"
     )
     lines["better"] = np.where(lines.p_corrected < 1 - LEVEL, np.where(fell, "B", "A"), "")
-    # the hardest step of the correction
-    alpha = ALPHA / max(1, int(lines.p_corrected.notna().sum()))
-    lines["needed"] = [
-        _needed(difference, line.get("spreads"), alpha) if not better else np.nan
-        for line, difference, better in zip(
-            found, lines.difference.tolist(), lines.better, strict=True
-        )
-    ]
     lines["sentence"] = [_sentence(line) for line in lines.itertuples()]
     return conform(lines, DIFFERENCES)
-
-
-def _needed(difference: float, spreads: list[float] | None, alpha: float) -> float:
-    """Return the number of captures that would show this difference at level alpha; NaN if unknown
-    or too many.
-    spreads: one standard deviation, of paired differences, or two, of independent samples."""
-    return (hands_needed(difference, spreads, alpha) if spreads else None) or np.nan
 
 
 def _sentence(line: Any) -> str:
@@ -402,13 +373,9 @@ def _sentence(line: Any) -> str:
         return f"{line.title}: no figures to compare in {what}"
     if line.metric == TIME:
         return f"{line.title}: B takes {line.b / line.a:.2f} times as long as A"
-    each = "" if line.paired else " of each"
-    hands = (
-        f"; needs {line.needed:.0f} hands{each} to show this difference" if line.needed > 0 else ""
-    )
     if line.untested:
         amount = amount_text(line.difference, line.unit)
-        return f"{line.title}: B − A is {amount} in {what}, not tested ({line.untested}){hands}"
+        return f"{line.title}: B − A is {amount} in {what}, not tested ({line.untested})"
     ends = (line.difference, line.low, line.high)
     amount, low, high = ends if line.difference >= 0 else (-line.difference, -line.high, -line.low)
     amounts = amounts_text(amount, low, high, line.unit)
@@ -417,7 +384,7 @@ def _sentence(line: Any) -> str:
         return f"{line.title}: {line.better} is better than {worse} by {amounts} ({what})"
     before = " before the correction for all lines" if low > 0 else ""
     none = f"{line.title}: no difference shown between A and B in {what}"
-    return f"{none}: {amounts}{before}{hands}"
+    return f"{none}: {amounts}{before}"
 
 
 def _side(result: Result) -> ComparedResult:

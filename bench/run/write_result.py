@@ -16,7 +16,6 @@ from handbench.bench.evaluation.floor import budget, floor_interval
 from handbench.bench.evaluation.intervals import note
 from handbench.bench.evaluation.metrics import TITLES, mean_figures, over_frames, pool
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
-from handbench.bench.evaluation.sample_size import variance_facts
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import (
     CURVES,
@@ -38,7 +37,6 @@ from handbench.bench.results import (
     metric_facts,
 )
 from handbench.bench.results.derived import (
-    EQUAL_COMPARED,
     STRONGEST,
     equal_treatment_scores,
     few_pixels,
@@ -108,7 +106,7 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
     tasks = frame(TASKS, outcome.tasks)
     results.write_tables(folder, table=table, tasks=tasks, scores=found, curves=curves)
-    results.write_about(folder, about(outcome, on, facts, treated))
+    results.write_about(folder, about(outcome, on, facts))
 
 
 def _copy(source: Path, path: Path) -> None:
@@ -251,16 +249,9 @@ def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...
     )
 
 
-def about(
-    outcome: Outcome,
-    on: CommonSubset,
-    captures: tuple[CaptureFacts, ...],
-    treated: dict[str, ByMethod],
-) -> About:
+def about(outcome: Outcome, on: CommonSubset, captures: tuple[CaptureFacts, ...]) -> About:
     """Make the content of result.json: protocol, inputs, machine, captures, methods, facts,
-    failures.
-    captures: facts of the captures. treated: treatment → method → figures, for the methods that are
-    compared under equal treatment."""
+    failures. captures: facts of the captures."""
     first = on.methods[0].id
     measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
     budgets = dict(
@@ -296,26 +287,11 @@ def about(
         facts={
             **outcome.facts,
             "intervals": note(len(on.captures)),
-            **({"variance_components": parts} if (parts := _variances(treated)) else {}),
             **({"groundtruth_sigma_rms": budgets} if budgets else {}),
             "phase_noise_rad": outcome.bench.phase_noise_rad,
         },
         failures=tuple(outcome.failures),
     )
-
-
-def _variances(treated: dict[str, ByMethod]) -> dict[str, dict[str, float]]:
-    """Estimate how much of each metric's variance comes from captures and from methods, under equal
-    treatment: "metric, treatment" → standard deviation of each component.
-    Metrics with too few captures are left out. treated: treatment → method → figures."""
-    found = {
-        f"{metric}, {treatment}": variance_facts(
-            {method: of[metric].to_numpy() for method, of in methods.items()}
-        )
-        for treatment, methods in treated.items()
-        for metric in EQUAL_COMPARED
-    }
-    return {name: parts for name, parts in found.items() if parts}
 
 
 def _machines(outcome: Outcome) -> dict[str, Any]:

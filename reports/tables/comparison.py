@@ -74,7 +74,7 @@ def _tables(compared: Compared) -> Iterator[tuple[str, tuple[str, ...], Rows]]:
         against = f" against {reference}" if reference else ""
         title = f"{first.metric_title} ({first.unit}){against}"
         rows = [row for _, of in lines.groupby("method", sort=False) for row in _rows(of)]
-        heads = ["", "", "A", "B", "B − A", "p", "better", "needs hands"]
+        heads = ["", "", "A", "B", "B − A", "p", "better"]
         if metric == "seconds":
             heads = ["", "", *_machines(compared), "B − A", "B / A"]
         filled = [i for i, cells in enumerate(zip(*rows, strict=True)) if any(cells)]
@@ -96,9 +96,9 @@ def _rows(lines: pd.DataFrame) -> Rows:
         if line.metric == "seconds":
             rows.append((*figures, number(line.b / line.a, 2)))
         elif line.capture:
-            rows.append((*figures, "", "", ""))
+            rows.append((*figures, "", ""))
         else:
-            rows.append((*figures, _p(line), line.better, _needed(line)))
+            rows.append((*figures, _p(line), line.better))
     return rows
 
 
@@ -166,13 +166,6 @@ def _sides(compared: Compared) -> list[str]:
 
 def _basis(compared: Compared) -> list[str]:
     return [f"{text[0].upper()}{text[1:]}." for text in compared.basis]
-
-
-def _needed(line: Any) -> str:
-    """Return the number of hands that a comparison would need to show this difference, as text; ""
-    if it is unknown or the difference is significant already.
-    line: a row of the table of differences."""
-    return f"{line.needed:.0f}" if line.needed > 0 else ""
 
 
 def _machines(compared: Compared) -> list[str]:
