@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.bench.evaluation.metrics import METRICS, deviation, usable_repeats
+from handbench.bench.evaluation.metrics import METRICS, deviation, mean_deviation
 from handbench.bench.evaluation.tables import LEVEL
 
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends
 RESAMPLES = 2000
 DRAWN_AT_ONCE = 100_000  # values of resamples in memory, however many captures there are
-RHO = np.linspace(-0.6, 0.99, 160)  # correlations of neighbouring repeats that are considered
 TOO_FEW = "too few captures for a test"
 
 
@@ -75,47 +74,24 @@ def note(captures: int) -> str:
     return f"{counted}: no intervals, which need at least {FEWEST} captures"
 
 
-def precision_interval(strongest_z_m: Sequence[np.ndarray], seed: int = 0) -> Interval | None:
+def precision_interval(strongest_z_m: Sequence[np.ndarray]) -> Interval | None:
     """Compute the 95 % interval, mm, of the precision: the standard deviation of depth over
     repeated frames, averaged over the hands.
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
-    metres. None if a hand has fewer than two usable repeats. The interval holds for further repeats
-    of the same hands. Errors of neighbouring repeats may be correlated.
+    metres. It is the χ² interval of a standard deviation, for further repeats of the same hands,
+    whose errors are independent. None if a hand has fewer than two usable repeats."""
+    from scipy.special import chdtri
 
-    The model is z = μ_h + AR(1) with a standard deviation σ_h for each hand h and a correlation ρ
-    that all hands share. Given ρ, Σ s_h²χ²/ν is simulated with s_h from generalised least squares.
-    ρ is drawn (with `seed`) from the posterior of a flat prior.
-    """
-    hands = usable_repeats(strongest_z_m)
-    if not hands:
+    known = mean_deviation(strongest_z_m)
+    if known is None:
         return None
-    if not any(deviation(z) for z in hands):
-        return Interval(0.0, 0.0)
-    squares, log_p = np.empty((len(hands), len(RHO))), np.zeros(len(RHO))
-    for h, z in enumerate(hands):
-        n, centred = len(z), 1e3 * (z - z.mean())
-        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
-        inverse = np.linalg.inv(
-            np.sign(RHO[:, None, None]) ** apart * np.abs(RHO[:, None, None]) ** apart
-        )
-        weight = inverse.sum(axis=(1, 2))
-        mean = inverse.sum(axis=1) @ centred / weight
-        off = centred - mean[:, None]
-        squares[h] = np.einsum("ki,kij,kj->k", off, inverse, off)
-        log_p += 0.5 * (np.linalg.slogdet(inverse)[1] - np.log(weight))
-        if deviation(z):
-            log_p -= 0.5 * (n - 1) * np.log(squares[h])
-    generator = np.random.default_rng(seed)
-    p = np.exp(log_p - log_p.max())
-    rho = generator.choice(len(RHO), RESAMPLES, p=p / p.sum())
-    # sums over the hands, one at a time
-    measured_mm, scattered_mm = (np.zeros(RESAMPLES), np.zeros(RESAMPLES))
-    for freedom, square in zip((len(z) - 1 for z in hands), squares, strict=True):
-        spread_mm = np.sqrt(square[rho] / freedom)
-        measured_mm += spread_mm
-        scattered_mm += spread_mm * np.sqrt(generator.chisquare(freedom, RESAMPLES) / freedom)
-    drawn = measured_mm / len(hands) * measured_mm / scattered_mm
-    return Interval(*map(float, np.quantile(drawn, TAILS)))
+    deviation_mm, freedom = known
+    below, above = TAILS
+    low, high = (
+        deviation_mm * (freedom / chdtri(freedom, share_above)) ** 0.5
+        for share_above in (below, above)
+    )
+    return Interval(float(low), float(high))
 
 
 def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
