@@ -24,7 +24,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handbench.bench.evaluation.floor import BLOCK_M
 from handbench.calibration.transforms import Transform, adjoint, identity, perturbation_jacobian
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
@@ -35,6 +34,7 @@ from handbench.support.errors import HandbenchError
 REASON = "aligned to the radar's own depth map: its bias cannot show"
 # cosine to z (60°) below which a pixel is left out: its radar cell holds many depths
 STEEPEST = 0.5
+BLOCK_M = 0.015  # correlation length of the errors: three lateral resolutions
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 # scale of the distances below which nothing is an outlier: the ray caster's own error
 FINEST_M = 1e-6

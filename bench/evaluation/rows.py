@@ -27,16 +27,11 @@ Intervals = dict[str, Interval | None]
 
 
 def accuracy_rows(
-    method: str,
-    reference: str,
-    captures: pd.DataFrame,
-    protocol: Protocol = PAPER,
-    floor: Interval | None = None,
+    method: str, reference: str, captures: pd.DataFrame, protocol: Protocol = PAPER
 ) -> pd.DataFrame:
     """Make the lines of the main table with the accuracy of one method against one reference.
     captures: one line for each capture, one column for each metric, and a column `floor_mm` if the
-    ground-truth floor is known. protocol: which metrics are shown. floor: interval of the
-    ground-truth floor."""
+    ground-truth floor is known. protocol: which metrics are shown."""
     velocity = [key for key in VELOCITY if key in captures and captures[key].notna().any()]
     intervals: Intervals = {
         key: figure_interval(key, captures[key].to_numpy()) for key in (*AVERAGED, *velocity)
@@ -44,7 +39,7 @@ def accuracy_rows(
     values = {"floor_mm": None} | mean_figures(captures)
     without = set(VELOCITY) - set(velocity)  # a method without velocities has no such lines
     known = {k: value for k, value in values.items() if k in set(protocol.metrics) - without}
-    return _rows(method, reference, known, intervals | {"floor_mm": floor})
+    return _rows(method, reference, known, intervals)
 
 
 def frame_rows(

@@ -43,7 +43,7 @@ def score(
     map.
     """
     errors = pixel_errors(depth, reference, protocol, recorded)
-    figures = pool([errors]) | {"floor_mm": floor_mm([errors], [reference])}
+    figures = pool([errors]) | {"floor_mm": floor_mm(errors, reference)}
     scored = np.isfinite(errors.error_m)
     return Scores(errors, figures | velocity_figures(depth, scored, reference))
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.datasets.native import CaptureFile
-from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.results import Failure, read_errors
+from handbench.bench.results import Failure
 from handbench.bench.results.about import MEASURES, Measure
 from handbench.bench.run.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.run.scoring import read_reference
@@ -177,14 +176,6 @@ def _stands_on(finished: dict[str, set[str]], kept: list[str], common: set[str],
         if without
         else ""
     )
-
-
-def errors(
-    outcome: Outcome, captures: Sequence[str], method: str, reference: str
-) -> Iterator[ErrorMap]:
-    """Yield the error maps of one method against one reference, for the captures named; only one of
-    them is in memory at a time."""
-    return (read_errors(outcome.scores[name], name, method, reference) for name in captures)
 
 
 def surfaces(

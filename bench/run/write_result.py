@@ -12,9 +12,9 @@ import pandas as pd
 
 from handbench.bench import results
 from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT
-from handbench.bench.evaluation.floor import budget, floor_interval
+from handbench.bench.evaluation.floor import budget
 from handbench.bench.evaluation.intervals import note
-from handbench.bench.evaluation.metrics import TITLES, mean_figures, over_frames, pool
+from handbench.bench.evaluation.metrics import TITLES, over_frames, pool
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import (
@@ -43,7 +43,7 @@ from handbench.bench.results.derived import (
     few_pixels_text,
 )
 from handbench.bench.run import scoring
-from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, errors, surfaces
+from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, surfaces
 from handbench.bench.run.reconstruct_stage import VELOCITY, read_frames, read_times
 from handbench.bench.run.repeat_stage import read_repeats
 from handbench.radar.data.depthmap import load_depthmap
@@ -89,8 +89,8 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
                 results.errors_path(folder, *about_map),
             )
             if entry is on.methods[0]:  # references are drawn on the first method's grid
-                on_grid = [name], entry.id, reference
-                (error,), (known,) = errors(outcome, *on_grid), surfaces(outcome, *on_grid)
+                error = results.read_errors(outcome.scores[name], *about_map)
+                [known] = surfaces(outcome, [name], entry.id, reference)
                 surface = SurfaceMap(error.x_m, error.y_m, known.z_m, known.sigma_m)
                 results.write_surface(folder, name, reference, surface)
     for capture in on.captures:
@@ -160,7 +160,7 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
     """Make the main table of the result: the figures of each method with confidence intervals, for
     one reference after the other.
     scores: the table of scores, as the function `scores` returns it."""
-    rows, seed, chosen = [frame(TABLE)], outcome.bench.seed, protocol(outcome.bench.protocol)
+    rows, chosen = [frame(TABLE)], protocol(outcome.bench.protocol)
     repeated = [capture.name for capture in on.repeated]
     values: dict[Any, pd.DataFrame] = {
         (m, e): of for (m, e), of in scores.groupby(["method", "metric"], sort=False)
@@ -170,10 +170,7 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
         figures = by_method(scores, reference)
         for entry in (entry for entry in on.methods if entry.id in figures):
             method, captures = entry.id, figures[entry.id]
-            floor, on_grid = None, (outcome, list(captures.index), method, reference)
-            if floor_mm := mean_figures(captures)["floor_mm"]:
-                floor = floor_interval(errors(*on_grid), surfaces(*on_grid), seed, floor_mm)
-            rows.append(accuracy_rows(method, reference, captures, chosen, floor))
+            rows.append(accuracy_rows(method, reference, captures, chosen))
             rows.append(
                 frame_rows(method, reference, _over_frames(values, method, reference), chosen)
             )
@@ -190,7 +187,7 @@ def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.Dat
                     method,
                     reference,
                     values.get((method, "seconds"), nothing).value.to_numpy(),
-                    seed,
+                    outcome.bench.seed,
                 )
             )
     table = pd.concat(rows)

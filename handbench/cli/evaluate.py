@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from handbench.cli.options import free
 
 if TYPE_CHECKING:
-    from handbench.bench.evaluation.intervals import Interval
     from handbench.bench.evaluation.metrics import Values
 
 
@@ -20,7 +19,6 @@ def run(options: argparse.Namespace) -> str | None:
     Warnings are printed first, on stderr."""
     from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
-    from handbench.bench.evaluation.floor import floor_interval
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.evaluation.scoring_protocols import protocol
     from handbench.bench.pipeline.score import reference_of_surface, score
@@ -56,20 +54,16 @@ def run(options: argparse.Namespace) -> str | None:
     if options.json or not sys.stdout.isatty():
         print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:
-        floor = None
-        if values["floor_mm"]:
-            floor = floor_interval([errors], [reference])
-        _table(f"{options.depth}: {depth.method}", values, floor, about.get("refined"))
+        _table(f"{options.depth}: {depth.method}", values, about.get("refined"))
     if (mae_mm := values["mae_mm"]) is None:
         return None
     return f"{options.depth}: MAE {mae_mm:.4g} mm, {values['observed_percent']:.3g} % observed"
 
 
-def _table(title: str, values: Values, floor: Interval | None, caption: str | None) -> None:
+def _table(title: str, values: Values, caption: str | None) -> None:
     """Print the metrics as a table.
-    values: metric → figure; floor: interval of the mean absolute error that a perfect radar would
-    show, None if unknown; caption: a note below the table. The other metrics have no intervals,
-    because an interval needs several captures."""
+    values: metric → figure; caption: a note below the table. They have no intervals, because an
+    interval needs several captures."""
     from rich.box import SIMPLE
     from rich.table import Table
 
@@ -84,6 +78,5 @@ def _table(title: str, values: Values, floor: Interval | None, caption: str | No
     for key, value in values.items():
         known = METRICS[key]
         text = "–" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
-        text += f" ({floor.low:.3g} to {floor.high:.3g})" if floor and key == "floor_mm" else ""
         table.add_row(known.title, text, known.unit, known.better)
     print_table(table)

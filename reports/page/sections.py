@@ -12,15 +12,7 @@ from handbench.bench.results.result_folder import shown
 from handbench.reports.figures.causes import CAUSES, bin_label, cause_charts
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering
-from handbench.reports.tables.blocks import (
-    AGAINST,
-    NONE,
-    beside_paper,
-    figure,
-    number,
-    p_text,
-    rounded,
-)
+from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
 from handbench.reports.tables.motion_table import CAPTION, motion_table
 from handbench.reports.tables.result_tables import claims
 
@@ -168,10 +160,7 @@ def uncertainty(result: Result) -> list[Grid]:
     for method in result.about.methods:
         found = [result.row("floor_mm", method.name, reference) for reference in AGAINST]
         if any(found):
-            cells = (
-                figure(row.value, row.low, row.high, row.unit) if row else NONE for row in found
-            )
-            floors.append((method.title, *cells))
+            floors.append((method.title, *(rounded(row.value) if row else NONE for row in found)))
     if floors:
         headings = ("method", *(f"{against} (mm)" for against in AGAINST.values()))
         caption = (

@@ -287,25 +287,21 @@ def p_text(p: float | None) -> str:
 def caption(result: Result) -> str:
     """Return the text below the tables of figures: which captures were averaged, what the brackets
     mean, and warnings on disturbed times and refined transforms."""
-    scored, repeated, floor = result.scored(), result.repeated(), ""
+    scored, repeated = result.scored(), result.repeated()
     names = named([capture.name for capture in scored])
     precision = (
         f"precision over the repeats of {named([c.name for c in repeated])}; "
         if repeated not in ((), scored)
         else ""
     )
-    if (result.table.metric == "floor_mm").any():  # results of earlier versions have none
-        floor = (
-            f"ground-truth floor: the {result.title(HEADLINE)} that a perfect radar would show, "
-            "because the reference "
-            "itself has errors, and its range in 95 % of all draws of these errors; "
-        )
     refined = result.about.facts.get("refined_transforms", {})
     warning = "".join(f" The transform of {name} was {reason}." for name, reason in refined.items())
     return (
         f"Each figure formed for each capture ({names}) and then averaged, but for the "
-        f"pooled ones; {precision}in brackets the 95 % confidence interval; {floor}"
-        f"time per frame on the machine named in the result.{busy_note(result)}{warning}"
+        f"pooled ones; {precision}in brackets the 95 % confidence interval; ground-truth floor: "
+        f"the {result.title(HEADLINE)} that a perfect radar would show, because the reference "
+        "itself has errors; time per frame on the machine named in the result."
+        f"{busy_note(result)}{warning}"
     )
 
 

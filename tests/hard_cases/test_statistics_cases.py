@@ -293,7 +293,7 @@ def test_empty() -> Seen:
             figure_interval(key, values) for key, values in figures.items() if key not in COUNTED
         ]
         given += each(compare({"a": figures[HEADLINE], "b": figures[HEADLINE]}, ""))
-        given += [*pooled, floor_mm(maps, [_known(m) for m in maps])]
+        given += [*pooled, *(floor_mm(m, _known(m)) for m in maps)]
         place = f"{len(maps)} maps of {[m.error_m.shape for m in maps[:1]]}"
         yield place, float(sum(figure is not None for figure in given))
 

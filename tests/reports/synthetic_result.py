@@ -13,7 +13,7 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS, FIGURES
-from handbench.bench.evaluation.floor import budget, floor_interval, floor_mm
+from handbench.bench.evaluation.floor import budget, floor_mm
 from handbench.bench.evaluation.metrics import METRICS, of_captures
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from handbench.bench.evaluation.tables import CURVES, EQUAL, REPEATS, TASKS, frame
@@ -96,10 +96,9 @@ def write_synthetic(
             repeats += [(f"hand{h}", method, i, z) for i, z in enumerate(hand)]
         for reference in references:
             found = list(surfaces[reference].values())
-            floors = [floor_mm([m], [r]) for m, r in zip(maps[reference], found, strict=True)]
+            floors = [floor_mm(m, r) for m, r in zip(maps[reference], found, strict=True)]
             figures = of_captures(maps[reference]).assign(floor_mm=floors)
-            interval = floor_interval(maps[reference], found)
-            rows.append(accuracy_rows(method, reference, figures, floor=interval))
+            rows.append(accuracy_rows(method, reference, figures))
             rows.append(precision_rows(method, reference, strongest))
             rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
     photo = (255 * rng.random((400, 500, 3)) * np.linspace(0.2, 1, 500)[:, None]).astype(np.uint8)
