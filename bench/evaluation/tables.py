@@ -77,7 +77,7 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
 SCHEMAS = _declared()
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
-EQUAL, CURVES, CAPTURES = (SCHEMAS[name] for name in ("equal", "curves", "captures"))
+EQUAL, CAPTURES = SCHEMAS["equal"], SCHEMAS["captures"]
 DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
 SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
 MOTION = SCHEMAS["motion"]

@@ -2,7 +2,7 @@
 
 result.json   protocol, metric definitions, input hashes, versions, machine, captures, methods,
               facts, failures
-*.csv         table, tasks, scores, curves: columns as declared in `bench.evaluation.tables`
+*.csv         table, tasks, scores: columns as declared in `bench.evaluation.tables`
 config.toml   the resolved configuration
 errors/       CAPTURE__METHOD__REFERENCE.npz: x_m, y_m, error_m, reference_z_m
 depth/        CAPTURE__METHOD.npz (a depth map), CAPTURE__truth.npz, CAPTURE__photogrammetry.npz

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from handbench.bench.evaluation.equal_treatment import EQUAL_METRICS
+from handbench.bench.evaluation.equal_treatment import COMMON
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
@@ -23,7 +23,7 @@ from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 SHARES = ("observed_percent", "complete_2mm_percent")
 # read at a glance
 HEADLINES = (
-    *(HEADLINE, "floor_mm", "max_mm", *SHARES, *EQUAL_METRICS, "precision_mm", "seconds"),
+    *(HEADLINE, "floor_mm", "max_mm", *SHARES, COMMON, "precision_mm", "seconds"),
     *(VELOCITY_MAE, VELOCITY_BEYOND),
 )
 # completed: by the truth, where photogrammetry has no surface

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
+from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT, SMOOTHING
 from handbench.bench.evaluation.error_causes import (
     Averages,
     cause_lines,
@@ -24,7 +24,6 @@ from handbench.bench.evaluation.tables import (
     CAPTURES,
     CAUSES,
     COMPARISONS,
-    CURVES,
     EQUAL,
     MOTION,
     RELIABILITY,
@@ -35,7 +34,6 @@ from handbench.bench.evaluation.tables import (
     conform,
     frame,
 )
-from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path, read_errors
 from handbench.radar.data.depthmap import load_depthmap
@@ -45,7 +43,6 @@ from handbench.support.progress import track
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
-EQUAL_COMPARED = (HEADLINE, "aurc_mm")  # the figures by which equally treated methods are compared
 # where a result of an earlier version does not say by what
 COMPARED = (HEADLINE, "observed_percent")
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
@@ -161,11 +158,7 @@ def comparisons(result: Result) -> pd.DataFrame:
     metrics = compared_metrics(result.about.protocol)
     own = {name: by_method(result.scores, name) for name in REFERENCES}
     wanted = [(name, "", metric, own[name]) for name, metric in product(REFERENCES, metrics)]
-    wanted += [
-        (reference, t, metric, methods)
-        for t, methods in treated.items()
-        for metric in EQUAL_COMPARED
-    ]
+    wanted += [(reference, t, HEADLINE, methods) for t, methods in treated.items()]
     for name, treatment, metric, methods in wanted:
         figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
         found.append(compare(figures, name, metric, titles, treatment))
@@ -239,8 +232,3 @@ def scores(result: Result) -> pd.DataFrame:
         ignore_index=True,
     )
     return found.drop_duplicates(SCORES.names[:-1], ignore_index=True)
-
-
-def curves(result: Result) -> pd.DataFrame:
-    """Return an empty table CURVES, for a folder without curves.csv."""
-    return frame(CURVES)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 # files of version 0.2 only
 OLDER = ("repeats", "comparisons", "equal", "captures", "causes", "reliability")
-FURTHER = ("scores", "curves", *OLDER)
+FURTHER = ("scores", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half a wider interval is reported
@@ -59,7 +59,7 @@ class Result:
 
     about: content of result.json. table: the main table; tasks: one line for each stage of the run.
     config: text of config.toml. files: further tables for which the folder has files. The
-    properties scores, curves, repeats, comparisons, equal, causes, motion and reliability are
+    properties scores, repeats, comparisons, equal, causes, motion and reliability are
     tables too, computed if there is no file. `bench.evaluation.tables` declares the columns of all
     tables.
     """
@@ -78,7 +78,6 @@ class Result:
         )
 
     scores = _derived("scores")
-    curves = _derived("curves")
     repeats = _derived("repeats")
     equal = _derived("equal")
     comparisons = _derived("comparisons")

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.treatments import OPEN_DB, SMOOTHING, TreatedDepths
+from handbench.bench.evaluation.equal_treatment import SMOOTHING
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -202,16 +202,13 @@ def settled(seconds: list[float]) -> bool:
 
 TREATED = "treated.npz"
 FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
-THRESHOLD = "threshold_db"
 
 
 def write_treated(
     folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
 ) -> None:
     """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
-    the file treated.npz.
-    There are two maps for each treatment: one above the method's own threshold, and one above a low
-    threshold (OPEN_DB, −20 dB, or the method's own if that is lower).
+    the file treated.npz: treatment → depths [ny, nx] above the method's own threshold, metres.
     image: function that makes the capture's depth map with a given configuration of the method.
     settings: the method's own configuration; own: the depth map that it gave."""
     # imports numba, which readers of the maps do not need
@@ -224,32 +221,17 @@ def write_treated(
     # no pixel is left out as uncertain
     kept = dict.fromkeys((name for name in known if name.startswith(DROPS)), False)
     for treatment, size_px in SMOOTHING.items():
-        for opened in (False, True):
-            changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
-            if opened and THRESHOLD in known:
-                changed[THRESHOLD] = min(OPEN_DB, getattr(settings, THRESHOLD))
-            config = settings.model_copy(update=changed)
-            if (key := config.model_dump_json()) not in made:
-                made[key] = image(config)
-            depth = made[key]
-            z_m = depth.z_m if filters else masked_mean(depth.z_m, size_px)
-            arrays[f"{treatment}_{'open_' * opened}z_m"] = z_m.astype(np.float32)
-            if opened:
-                arrays[f"{treatment}_open_db"] = depth.amplitude_db
+        changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
+        config = settings.model_copy(update=changed)
+        if (key := config.model_dump_json()) not in made:
+            made[key] = image(config)
+        z_m = made[key].z_m if filters else masked_mean(made[key].z_m, size_px)
+        arrays[treatment] = z_m.astype(np.float32)
     write_npz(folder / TREATED, **arrays)
 
 
-def read_treated(folder: Path) -> dict[str, TreatedDepths] | None:
-    """Read the depth maps under every equal treatment (same smoothing for all methods) from a
-    stage's folder.
-    Returns treatment → depths, or None if the folder has none."""
-    if not (folder / TREATED).exists():
-        return None
-    kept = read_npz(
-        folder / TREATED,
-        tuple(f"{t}_{field}" for t in SMOOTHING for field in TreatedDepths._fields),
-    )
-    return {
-        t: TreatedDepths(*(kept[f"{t}_{field}"] for field in TreatedDepths._fields))
-        for t in SMOOTHING
-    }
+def read_treated(folder: Path) -> dict[str, np.ndarray] | None:
+    """Read the depths [ny, nx] under every equal treatment (same smoothing for all methods) from a
+    stage's folder: treatment → depths, metres. None if the folder has none."""
+    file = folder / TREATED
+    return read_npz(file, tuple(SMOOTHING)) if file.exists() else None

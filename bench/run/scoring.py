@@ -5,7 +5,6 @@ errors/       CAPTURE__METHOD__REFERENCE.npz: the signed errors (`ErrorMap`)
 references/   REFERENCE-GRID.npz: the depths of a reference on the pixel grid of the methods, with
               the covariance of its registration (`Reference`)
 scores.csv    the capture's lines of the table of scores (`SCORES`)
-curves.npz    methods [method]; REFERENCE__TREATMENT [method, share]: their risk–coverage curves, mm
 """
 
 from collections.abc import Iterator, Mapping
@@ -21,11 +20,10 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT, taking_part, treated_figures
+from handbench.bench.evaluation.equal_treatment import SMOOTHING, taking_part, treated_figures
 from handbench.bench.evaluation.metrics import VELOCITY_BIAS, VELOCITY_MAE, Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
-from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_figures
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors
@@ -37,8 +35,7 @@ from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
 from handbench.support.files import read_npz, write_npz
 
-SCORED, CURVES, REFERENCES = "scores.csv", "curves.npz", "references"
-NO_CURVE = np.full(len(SHARES_PERCENT), np.nan)
+SCORED, REFERENCES = "scores.csv", "references"
 OVER_FRAMES = ("mae_mm", "max_mm")
 OF_EACH_FRAME = (*OVER_FRAMES, VELOCITY_MAE, VELOCITY_BIAS)
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
@@ -52,8 +49,8 @@ def make(
     references: Mapping[str, tuple[Path, Transform]],
     protocol: str,
 ) -> None:
-    """Score one capture: compare its depth maps with its references, and write errors, references,
-    scores and risk–coverage curves into a stage's folder.
+    """Score one capture: compare its depth maps with its references, and write errors, references
+    and scores into a stage's folder.
     maps: method → file of its depth map. references: name → mesh file, and the transform that moves
     the mesh into the radar frame. protocol: id of the scoring protocol. Raises HandbenchError for a
     file that cannot be read."""
@@ -97,25 +94,13 @@ def make(
         for m, file in maps.items()
         if grids[m] == first and (treated := read_treated(file.parent))
     }
-    curves: dict[str, np.ndarray] = {}
     for reference in references:
         for treatment in SMOOTHING:
             z_m = on_grid[first][reference].z_m
             several = taking_part({m: of[treatment] for m, of in depths.items()}, z_m)
-            of_methods = treated_figures(several, z_m)
-            for method, of in of_methods.items():
-                scores += _lines((name, method, reference, treatment), 0, of.figures)
-            curves[curve_name(reference, treatment)] = np.array(
-                [of_methods[m].curve_mm if m in of_methods else NO_CURVE for m in depths]
-            )
+            for method, figures in treated_figures(several, z_m).items():
+                scores += _lines((name, method, reference, treatment), 0, figures)
     write(folder / SCORED, frame(SCORES, scores), SCORES)
-    write_npz(folder / CURVES, methods=np.array(list(depths), dtype="U"), **curves)
-
-
-def curve_name(reference: str, treatment: str) -> str:
-    """Return the name of the array in curves.npz with the risk–coverage curves of all methods
-    against one reference, under one equal treatment."""
-    return f"{reference}__{treatment}"
 
 
 def _lines(about: tuple[str, str, str, str], frame: int, figures: Values) -> Iterator[Line]:

@@ -11,22 +11,12 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench import results
-from handbench.bench.evaluation.equal_treatment import SHARES_PERCENT
 from handbench.bench.evaluation.floor import budget
 from handbench.bench.evaluation.intervals import note
 from handbench.bench.evaluation.metrics import TITLES, over_frames, pool
 from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.tables import (
-    CURVES,
-    SCORES,
-    TABLE,
-    TASKS,
-    ByMethod,
-    by_method,
-    frame,
-    read,
-)
+from handbench.bench.evaluation.tables import SCORES, TABLE, TASKS, by_method, frame, read
 from handbench.bench.results import (
     REFERENCES,
     About,
@@ -36,12 +26,7 @@ from handbench.bench.results import (
     SurfaceMap,
     metric_facts,
 )
-from handbench.bench.results.derived import (
-    STRONGEST,
-    equal_treatment_scores,
-    few_pixels,
-    few_pixels_text,
-)
+from handbench.bench.results.derived import STRONGEST, few_pixels, few_pixels_text
 from handbench.bench.run import scoring
 from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, surfaces
 from handbench.bench.run.reconstruct_stage import VELOCITY, read_frames, read_times
@@ -49,7 +34,7 @@ from handbench.bench.run.repeat_stage import read_repeats
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import calibrated_machine
-from handbench.support.files import atomic_path, read_npz
+from handbench.support.files import atomic_path
 from handbench.support.folder import drop
 from handbench.support.progress import say
 from handbench.support.store import versions
@@ -99,13 +84,11 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     results.write_config(folder, config)
     facts = capture_facts(outcome, on)
     scored = [each for each in facts if "accuracy" in each.measures]
-    reference, treated = equal_treatment_scores(found, scored)
     if few := few_pixels_text(few_pixels(found, scored)):
         on = replace(on, text=f"{on.text}; {few}")
         say(few)
-    curves = frame(CURVES, mean_curves(outcome, on, reference, treated))
     tasks = frame(TASKS, outcome.tasks)
-    results.write_tables(folder, table=table, tasks=tasks, scores=found, curves=curves)
+    results.write_tables(folder, table=table, tasks=tasks, scores=found)
     results.write_about(folder, about(outcome, on, facts))
 
 
@@ -206,28 +189,6 @@ def _over_frames(
         [each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own
     )
     return [over_frames(*both) for both in zip(mae_mm, max_mm, strict=True)]
-
-
-def mean_curves(
-    outcome: Outcome, on: CommonSubset, reference: str, treated: dict[str, ByMethod]
-) -> list[tuple[Any, ...]]:
-    """Make the lines of the table of risk–coverage curves (CURVES): the curve of each method,
-    averaged over the captures.
-    A curve ends at the share of the surface that the method reaches in every capture. treated:
-    treatment → method → figures, for the methods that are compared under equal treatment."""
-    lines: list[tuple[Any, ...]] = []
-    for treatment, methods in treated.items():
-        key, sums_mm = scoring.curve_name(reference, treatment), dict[str, Any]()
-        for capture in on.captures:
-            known = read_npz(outcome.scores[capture.name] / scoring.CURVES, ("methods", key))
-            for method, curve_mm in zip(known["methods"].tolist(), known[key], strict=True):
-                sums_mm[method] = sums_mm.get(method, 0.0) + curve_mm
-        for method in methods:
-            points = zip(SHARES_PERCENT, sums_mm[method] / len(on.captures), strict=True)
-            lines += [
-                (method, treatment, reference, *point) for point in points if np.isfinite(point[1])
-            ]
-    return lines
 
 
 def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:

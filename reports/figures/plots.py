@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from handbench.bench.results import HEADLINE, Result
-from handbench.bench.results.about import TREATMENTS
 from handbench.reports.figures.motion import (
     error_over_frames,
     errors_of_maps,
@@ -189,33 +188,6 @@ def _draw_columns(axis: Axes, shown: list[DrawnMethod], lines: pd.DataFrame) -> 
     name_ticks(axis, [method.title for method in shown])
 
 
-def risk_coverage(result: Result) -> Picture:
-    """Plot error over completeness, with a line for each method: for each share of the surface in
-    %, the mean absolute error in mm of the strongest pixels that cover this share.
-    One panel shows the depth maps without smoothing, the other all of them with the same
-    smoothing."""
-    figure, axes = side_by_side(TREATMENTS)
-    reference = result.curves.reference.iloc[0]
-    for treatment, axis in axes.items():
-        for method in methods(result):
-            curve = result.curves[
-                (result.curves.method == method.name) & (result.curves.treatment == treatment)
-            ]
-            method.draw(axis, curve.share_percent, curve.risk_mm, markevery=10)
-        log_axis(axis, "y")
-        axis.set(xlabel="share of the surface in %", ylabel=f"{result.title(HEADLINE)} in mm")
-    name_all(figure)
-    return Picture(
-        "risk_coverage",
-        f"Error over completeness {AGAINST[reference]}: the mean absolute error of each method's "
-        "strongest pixels, as "
-        "many as make up a share of the surface. No threshold decides; the mean of the captures.",
-        "Mean absolute error over completeness for each method, unsmoothed and with the same "
-        "smoothing.",
-        figure,
-    )
-
-
 def _has_maps(result: Result) -> bool:
     return bool(result.about.methods and drawn_references(result.scored()))
 
@@ -234,7 +206,6 @@ KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[..., Picture]]] =
         error_of_captures,
     ),
     "ecdf": (_has_maps, "error maps", error_distributions),
-    "coverage": (lambda r: bool(len(r.curves)), "risk–coverage curves", risk_coverage),
     "bland-altman": (_has_maps, "error maps", bland_altman),
     "frames": (lambda r: bool(sequences(r)), "errors of several frames", error_over_frames),
     "speed": (lambda r: bool(len(r.motion)), "captures that move", errors_over_speed),

@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from handbench.bench.results import HEADLINE, HEADLINES, LEVEL, Result, Tradeoff, each
+from handbench.bench.results import HEADLINES, LEVEL, Result, Tradeoff, each
 from handbench.bench.results.about import TREATMENTS
 from handbench.reports.tables.blocks import (
     best_note,
@@ -34,28 +34,25 @@ PAIRS = (
     ("nfsk-plus", "broadband"),
     ("broadband", "narrowband"),
 )
-OVER = "aurc_mm"
 
 
 def findings(result: Result) -> list[str]:
     """Return for each of the main pairs of methods (PAIRS) a sentence that says which one is better
     and by how much.
-    Both the error on common pixels and the error over completeness are compared under equal
-    treatment, that is with all depth maps unsmoothed, or all with the same smoothing. A pair that
-    was not compared has no sentence."""
+    The error on common pixels is compared under equal treatment, that is with all depth maps
+    unsmoothed, or all with the same smoothing. A pair that was not compared has no sentence."""
     return [
-        f"{pair}, on the pixels that all see: {common}; over completeness: {over}{few}"
-        for pair, common, over, few in claims(result)
+        f"{pair}, on the pixels that all see: {common}{few}" for pair, common, few in claims(result)
     ]
 
 
-def claims(result: Result) -> list[tuple[str, str, str, str]]:
+def claims(result: Result) -> list[tuple[str, str, str]]:
     """Return what `findings` says of each pair: the methods, which one is better on common pixels,
-    which one over completeness, and a note if there was no test."""
+    and a note if there was no test."""
     return [claim for pair in PAIRS if (claim := _claim(result, *pair))]
 
 
-def _claim(result: Result, first: str, second: str) -> tuple[str, str, str, str] | None:
+def _claim(result: Result, first: str, second: str) -> tuple[str, str, str] | None:
     lines = result.comparisons
     lines = lines[
         (lines.treatment != "")
@@ -64,14 +61,12 @@ def _claim(result: Result, first: str, second: str) -> tuple[str, str, str, str]
     if lines.empty:
         return None
     titles = result.about.method_titles
-    amounts = {(line.metric, line.treatment): _ahead(line, titles) for line in each(lines)}
-    common = [amounts[key] for treatment in TREATMENTS if (key := (HEADLINE, treatment)) in amounts]
-    over = [amounts[key] for treatment in TREATMENTS if (key := (OVER, treatment)) in amounts]
+    amounts = {line.treatment: _ahead(line, titles) for line in each(lines)}
+    common = [amounts[treatment] for treatment in TREATMENTS if treatment in amounts]
     untested, count = lines.p_corrected.isna().all(), lines.n_captures.iloc[0]
     captures = "1 capture" if count == 1 else f"{count} captures"
     few = f" ({captures}: too few for a test)" if untested else ""
-    at_common, over_share = (_joined(amounts) or "not compared" for amounts in (common, over))
-    return f"{titles[first]} and {titles[second]}", at_common, over_share, few
+    return f"{titles[first]} and {titles[second]}", _joined(common), few
 
 
 def _joined(findings: list[tuple[str, str]]) -> str:

@@ -118,7 +118,7 @@ def _mesh(name: str) -> Reader:
 
 def _result(folder: Path) -> None:
     result = results.load(folder)
-    _ = result.scores, result.curves, result.repeats, result.equal
+    _ = result.scores, result.repeats, result.equal
     for capture in result.scored():
         for reference in capture.references:
             result.surface(capture.name, reference)
