@@ -79,7 +79,7 @@ TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "s
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, CAPTURES = SCHEMAS["equal"], SCHEMAS["captures"]
 DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
-SETTINGS, CAUSES, RELIABILITY = (SCHEMAS[name] for name in ("settings", "causes", "reliability"))
+SETTINGS, RELIABILITY = SCHEMAS["settings"], SCHEMAS["reliability"]
 MOTION = SCHEMAS["motion"]
 
 

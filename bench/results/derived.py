@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT, SMOOTHING
-from handbench.bench.evaluation.error_causes import (
-    Averages,
-    cause_lines,
-    reliability_lines,
-    surface_causes,
-)
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, pool
 from handbench.bench.evaluation.paired import compare
+from handbench.bench.evaluation.reliability import coverage_percent
 from handbench.bench.evaluation.tables import (
     CAPTURES,
-    CAUSES,
     COMPARISONS,
     EQUAL,
     MOTION,
@@ -38,7 +30,6 @@ from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path, read_errors
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import track
 
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
@@ -165,48 +156,25 @@ def comparisons(result: Result) -> pd.DataFrame:
     return conform(pd.concat(found), COMPARISONS)
 
 
-def causes(result: Result) -> pd.DataFrame:
-    """Compute the table CAUSES: errors grouped by incidence angle, amplitude, part of the hand, and
-    distance to an edge."""
-    return _cause_tables(result)[0]
-
-
 def reliability(result: Result) -> pd.DataFrame:
-    """Compute the table RELIABILITY: how often the intervals of a method's σ contain its errors,
-    and how likely these errors are under σ."""
-    return _cause_tables(result)[1]
-
-
-@lru_cache(maxsize=1)  # both tables are read one after the other
-def _cause_tables(result: Result) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Compute the tables CAUSES and RELIABILITY from the depth maps and error maps of all captures.
-    Raises HandbenchError if the two maps of a capture differ in size."""
-    causes, reliability = Averages(CAUSES), Averages(RELIABILITY)
-    for capture in track(result.scored(), "causes of errors"):
-        depths = {
-            m.name: load_depthmap(depth_path(result.folder, capture.name, m.name))
-            for m in result.about.methods
-        }
+    """Compute the table RELIABILITY: how often the intervals of a method's σ contain its errors.
+    Raises HandbenchError if the maps of depths and of errors of a capture differ in size."""
+    rows: list[tuple[str, str, int, float]] = []
+    for capture, method in product(result.scored(), result.about.methods):
+        file = depth_path(result.folder, capture.name, method.name)
+        depth = load_depthmap(file)
         for reference in capture.references:
-            surfaces: dict[bytes, dict[str, np.ndarray]] = {}  # by grid
-            for method, depth in depths.items():
-                errors = read_errors(result.folder, capture.name, method, reference)
-                if errors.error_m.shape != depth.z_m.shape:
-                    file = depth_path(result.folder, capture.name, method)
-                    raise HandbenchError(
-                        f"{file}: has {' × '.join(map(str, depth.z_m.shape))} pixels, but its "
-                        f"errors in errors/ have {' × '.join(map(str, errors.error_m.shape))}; "
-                        "run the benchmark again"
-                    )
-                grid = errors.x_m.tobytes() + b"|" + errors.y_m.tobytes()
-                if grid not in surfaces:
-                    surfaces[grid] = surface_causes(errors.x_m, errors.y_m, errors.reference_z_m)
-                about = {"reference": reference, "method": method}
-                for line in cause_lines(depth, errors, surfaces[grid]):
-                    causes.add(about | line)
-                for line in reliability_lines(depth, errors):
-                    reliability.add(about | line)
-    return causes.table().replace(np.inf, np.nan), reliability.table()
+            errors = result.errors(capture.name, method.name, reference)
+            if errors.error_m.shape != depth.z_m.shape:
+                raise HandbenchError(
+                    f"{file}: has {depth.z_m.shape} pixels [ny, nx], but its errors in errors/ "
+                    f"have {errors.error_m.shape}; run the benchmark again"
+                )
+            covered = coverage_percent(depth, errors)
+            rows += [(reference, method.name, *shares) for shares in covered.items()]
+    keys = RELIABILITY.names[:-1]
+    means = frame(RELIABILITY, rows).groupby(keys, sort=False).mean().reset_index()
+    return conform(means, RELIABILITY)
 
 
 def scores(result: Result) -> pd.DataFrame:

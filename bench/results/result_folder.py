@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 # files of version 0.2 only
-OLDER = ("repeats", "comparisons", "equal", "captures", "causes", "reliability")
+OLDER = ("repeats", "comparisons", "equal", "captures", "reliability")
 FURTHER = ("scores", *OLDER)
 TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
 BUSY = 0.25  # cores that other work may take before times are called disturbed
@@ -59,7 +59,7 @@ class Result:
 
     about: content of result.json. table: the main table; tasks: one line for each stage of the run.
     config: text of config.toml. files: further tables for which the folder has files. The
-    properties scores, repeats, comparisons, equal, causes, motion and reliability are
+    properties scores, repeats, comparisons, equal, motion and reliability are
     tables too, computed if there is no file. `bench.evaluation.tables` declares the columns of all
     tables.
     """
@@ -81,7 +81,6 @@ class Result:
     repeats = _derived("repeats")
     equal = _derived("equal")
     comparisons = _derived("comparisons")
-    causes = _derived("causes")
     motion = _derived("motion")
     reliability = _derived("reliability")
 

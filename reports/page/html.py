@@ -28,7 +28,7 @@ from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 SECTIONS = (
-    *("verdicts", "findings", "motion", "effects", "uncertainty"),
+    *("verdicts", "findings", "motion", "effects", "uncertainty", "reliability"),
     *("provenance", "command", "settings", "captures"),
 )
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first
@@ -100,7 +100,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "part": 0,
         "groups": groups,
     }
-    causes = sections.causes(result, out / "figures")
     further = track(
         _drawn(partial(further_page, folder, out, groups), range(1, len(groups))),
         "pages",
@@ -113,7 +112,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         render(
             "index.html",
             place_of=lambda name: f"{on_page[name]}#capture-{quote(name)}",
-            **_summary(result, overview, swept, causes),
+            **_summary(result, overview, swept),
             **facts,
         ),
     )
@@ -165,15 +164,12 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
     return [tuple(captures[:first]), *rest]
 
 
-def _summary(
-    result: Result, overview: list[Image], swept: Any, causes: Any = None
-) -> dict[str, Any]:
+def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
     """Return the content of index.html about all captures together: name in the template → value.
-    overview: charts of the whole result; swept: section of the trade-off; causes: section of the
-    errors by cause."""
+    overview: charts of the whole result; swept: section of the trade-off."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {"about": result.about, "config": result.config, "caption": caption(result)}
-    parts |= {"overview": overview, "causes": causes, "tradeoff": swept}
+    parts |= {"overview": overview, "tradeoff": swept}
     parts |= {"leads": summary.leads(result), "main": summary.main_table(result)}
     parts |= {"front": summary.front(result), "hardest": summary.hardest(result)}
     return parts | {"stages": sections.stage_times(result), "blocks": blocks(result)}

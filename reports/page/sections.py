@@ -1,17 +1,13 @@
 """Content of the HTML report's sections, as tables and texts: results of the tests, simulated
-effects, uncertainty of the ground truth, errors by cause, and provenance."""
+effects, uncertainty of the ground truth, reliability of σ, and provenance."""
 
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
-from handbench.reports.figures.causes import CAUSES, bin_label, cause_charts
-from handbench.reports.figures.style import methods
-from handbench.reports.page import rendering
 from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
 from handbench.reports.tables.motion_table import CAPTION, motion_table
 from handbench.reports.tables.result_tables import claims
@@ -247,70 +243,17 @@ def command(result: Result) -> str:
     return f"{run}\nhandbench report DIR -o REPORT"
 
 
-def causes(result: Result, folder: Path) -> dict[str, Any] | None:
-    """Draw the charts of errors by cause and of the reliability of σ into `folder`, and return the
-    content of this section.
-    It has "pictures", the images to embed, and "grids", the tables of the same data. None if the
-    result has no such data."""
-    grids = [*by_cause(result), *reliability(result)]
-    return (
-        {"pictures": rendering.images(lambda: cause_charts(result), folder), "grids": grids}
-        if grids
-        else None
-    )
-
-
-def by_cause(result: Result) -> list[Grid]:
-    """Return a table of errors by cause for each reference surface, with one row for each group of
-    pixels (such as an incidence angle of 10–20°) and one column for each method.
-    A cell has mean |z − z_ref| and [mean z − z_ref] in mm, and the numbers of pixels and
-    captures."""
-    grids, shown = [], methods(result)
-    for reference, lines in result.causes.groupby("reference", sort=False):
-        rows: dict[tuple[str, str], dict[str, str]] = {}
-        known = lines[lines.cause.isin(CAUSES)]
-        for line in sorted(each(known), key=lambda x: (list(CAUSES).index(x.cause), x.part, x.low)):
-            cell = (
-                f"{number(line.absolute_mm, 2)} [{number(line.mean_mm, 2)}] "
-                f"{line.n_pixels}/{line.n_captures}"
-            )
-            rows.setdefault((CAUSES[line.cause], bin_label(line)), {})[line.method] = cell
-        caption = (
-            f"Errors by cause, {AGAINST.get(str(reference), str(reference))}: mean |z − z_ref| "
-            "[mean z − z_ref] in mm, "
-            "pixels / captures"
-        )
-        cells = tuple(
-            (*place, *(found.get(m.name, NONE) for m in shown)) for place, found in rows.items()
-        )
-        grids.append(Grid(caption, ("cause", "bin", *(m.title for m in shown)), cells, texts=2))
-    return grids
-
-
 def reliability(result: Result) -> list[Grid]:
     """Return a table for each reference surface that shows whether the methods' predicted σ is
-    right.
-    It has for each method the observed coverage in % for each nominal coverage, the mean negative
-    log-likelihood, and the number of pixels."""
+    right: the observed coverage in % under each nominal one."""
     grids, titles = [], result.about.method_titles
     for reference, lines in result.reliability.groupby("reference", sort=False):
-        nominal = sorted(set(lines.nominal_percent))
-        rows = []
-        for _, mine in lines.groupby(["method", "pixels"], sort=False):
-            shares = mine.set_index("nominal_percent").observed_percent.reindex(nominal)
-            first = next(each(mine))
-            figures = (
-                *(number(share, 1) for share in shares),
-                number(first.nll, 2),
-                f"{first.n_pixels}",
-            )
-            rows.append((titles.get(first.method, first.method), first.pixels, *figures))
-        known = "with" if lines.reference_sigma.all() else "without a known"
-        caption = (
-            f"Reliability of σ {AGAINST.get(str(reference), str(reference))}, {known} σ of the "
-            "reference: observed "
-            "coverage in % under the nominal one, mean negative log-likelihood in mm"
+        shares = lines.pivot(index="method", columns="nominal_percent", values="observed_percent")
+        rows = tuple(
+            (titles[name], *(number(share, 1) for share in shares.loc[name]))
+            for name in dict.fromkeys(lines.method)
         )
-        headings = ("method", "pixels", *(f"{percent:g} %" for percent in nominal), "NLL", "count")
-        grids.append(Grid(caption, headings, tuple(rows), texts=2))
+        caption = f"Share of the errors inside the intervals of σ, {AGAINST[str(reference)]}"
+        headings = ("method", *(f"nominal {percent} %" for percent in shares))
+        grids.append(Grid(caption, headings, rows))
     return grids
