@@ -403,10 +403,8 @@ class RunResult:
 
         Args:
             kind: "captures" (MAE of each capture, and the mean), "ecdf" (distribution of |z −
-                z_ref|), "bland-altman" (z − z_ref over the depth), "frames" (MAE of each frame),
-                "speed" (errors over the speed), "time" (MAE over seconds per frame), "coverage"
-                (MAE over the share of the surface) or "repeats" (scatter of the strongest
-                scatterer).
+                z_ref|), "frames" (MAE of each frame), "speed" (errors over the speed), "time"
+                (MAE over seconds per frame) or "repeats" (scatter of the strongest scatterer).
             file: also write the figure here (.png, .pdf, .svg); an existing file is replaced.
 
         Returns:

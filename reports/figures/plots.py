@@ -18,7 +18,7 @@ from handbench.reports.figures.motion import (
     errors_over_speed,
     sequences,
 )
-from handbench.reports.figures.pixel_errors import Counts, bland_altman, error_distributions
+from handbench.reports.figures.pixel_errors import Counts, error_distributions
 from handbench.reports.figures.style import (
     COLUMN,
     DrawnMethod,
@@ -66,7 +66,8 @@ def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
     are counted here, which reads every error map."""
     for has_data, _, picture in KINDS.values():
         if has_data(result):
-            yield picture(result, counts) if picture in OF_PIXELS else picture(result)
+            counted = picture is error_distributions
+            yield picture(result, counts) if counted else picture(result)
 
 
 def accuracy_against_time(result: Result) -> Picture:
@@ -206,9 +207,7 @@ KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[..., Picture]]] =
         error_of_captures,
     ),
     "ecdf": (_has_maps, "error maps", error_distributions),
-    "bland-altman": (_has_maps, "error maps", bland_altman),
     "frames": (lambda r: bool(sequences(r)), "errors of several frames", error_over_frames),
     "speed": (lambda r: bool(len(r.motion)), "captures that move", errors_over_speed),
     "repeats": (lambda r: bool(r.repeats["repeat"].any()), "repeated frames", repeats),
 }
-OF_PIXELS = (error_distributions, bland_altman)

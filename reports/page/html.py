@@ -19,7 +19,6 @@ from handbench.reports.page import rendering, scene3d, sections, summary, tradeo
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import blocks, caption
-from handbench.reports.tables.motion_table import motion_csv
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
@@ -28,7 +27,7 @@ from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 SECTIONS = (
-    *("verdicts", "findings", "motion", "effects", "uncertainty", "reliability"),
+    *("verdicts", "findings", "effects", "uncertainty", "reliability"),
     *("provenance", "command", "settings", "captures"),
 )
 # Of processor time: figures and tables of a result, and what a capture's method adds on the first
@@ -44,7 +43,7 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     Args:
         folder: a result folder, or a trade-off folder (`tradeoff_section.build` reports it).
         out: where a result's report is written: index.html, table.md, table.tex, column.tex,
-            table.csv, motion.csv, comparisons.*, figures/*.png and *.pdf and, for many captures,
+            table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures,
             pages/*.html. Files of an earlier report are replaced, its further pages removed, other
             files left unchanged.
         sweep: a trade-off folder to show with the result; None: `folder` itself or its subfolder
@@ -80,7 +79,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         "table.tex": latex.latex(result),
         "column.tex": latex.column(result),
         "table.csv": result_tables.csv_text(result),
-        "motion.csv": motion_csv(result),
         "comparisons.md": result_tables.comparisons_markdown(result),
         "comparisons.tex": latex.comparisons(result),
     }

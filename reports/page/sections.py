@@ -9,7 +9,6 @@ from handbench.bench.results import HEADLINE, Result, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import shown
 from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
-from handbench.reports.tables.motion_table import CAPTION, motion_table
 from handbench.reports.tables.result_tables import claims
 
 
@@ -119,12 +118,6 @@ def effects(result: Result) -> tuple[Grid | None, str]:
     headings = ("effect", "why", "on in", *(sizes[key] for key in shown))
     grid = Grid(caption, headings, tuple(rows), texts=2) if rows else None
     return grid, f"Off: {', '.join(off)}." if off else ""
-
-
-def motion(result: Result) -> Grid | None:
-    """Return the table of error over speed; None if nothing moves."""
-    headings, rows = motion_table(result)
-    return Grid(CAPTION, headings, tuple(rows)) if rows else None
 
 
 def _largest(rows: list[dict[str, Any]], key: str) -> str:

@@ -26,7 +26,6 @@ from handbench.reports.tables.blocks import (
     ratio,
     settings_table,
 )
-from handbench.reports.tables.motion_table import CAPTION, motion_table
 
 PAIRS = (
     ("3fsk", "2fsk"),
@@ -213,16 +212,13 @@ def csv_text(result: Result) -> str:
 
 
 def show(result: Result) -> None:
-    """Print the main figures of a result on stdout: a table for each reference surface, the error
-    over speed if something moves, then the main findings and a line for each stage that failed."""
+    """Print the main figures of a result on stdout: a table for each reference surface, then the
+    main findings and a line for each stage that failed."""
     console = wide_console()
     for block in blocks(result):
         lines = [line for line in block.lines if line.metric in HEADLINES]
         cells = [(line.title, line.source, *line.cells) for line in lines]
         print_table(terminal_table(block.heading, ("", "", *block.methods), cells))
-    headings, rows = motion_table(result)
-    if rows:
-        print_table(terminal_table(CAPTION, headings, rows, headings[:1]))
     for finding in findings(result):
         console.print(finding, markup=False)
     for failure in result.about.failures:
