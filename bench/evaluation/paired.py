@@ -126,7 +126,6 @@ def compare(
         metric=metric,
         unit=METRICS[metric].unit,
         reference=reference,
-        n_blocks=0,
         sentence="",
         treatment=treatment,
     )

@@ -30,21 +30,19 @@ KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool
 ByMethod = dict[str, "pd.DataFrame"]
 DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
-OLDER = {str: "", int: 0, bool: False}  # what a column that an older file lacks is filled with
 
 
 @dataclass(frozen=True)
 class Column:
     """One column of a table: its name, type of values (kind) and meaning.
-    unit: that of its numbers, if the same in every line. optional: older files may lack the column.
-    counts: numbers are written as whole ones in lines whose column `unit` has this value.
+    unit: that of its numbers, if the same in every line. counts: numbers are written as whole ones
+    in lines whose column `unit` has this value.
     """
 
     name: str
     kind: type
     meaning: str
     unit: str = ""
-    optional: bool = False
     counts: str = ""
 
 
@@ -77,10 +75,9 @@ def _column(name: str, facts: dict[str, Any]) -> Column:
 SCHEMAS = _declared()
 TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
 COMPARISONS = SCHEMAS["comparisons"]
-EQUAL, CAPTURES = SCHEMAS["equal"], SCHEMAS["captures"]
+EQUAL, MOTION = SCHEMAS["equal"], SCHEMAS["motion"]
 DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
 SETTINGS, RELIABILITY = SCHEMAS["settings"], SCHEMAS["reliability"]
-MOTION = SCHEMAS["motion"]
 
 
 def frame(
@@ -96,17 +93,14 @@ def frame(
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     """Return the table with the columns and types that its schema declares.
-    Unknown values in optional columns are replaced by "", 0 or False. Raises ValueError for unknown
-    values in other columns, except in those of real numbers, which hold NaN."""
+    Raises ValueError for unknown values, except in columns of real numbers, which hold NaN."""
     import pandas as pd
 
     typed = {}
     for column in schema.columns:
         values = table[column.name]
         if column.kind is not float and values.hasnans:
-            if not column.optional:
-                raise ValueError(f"the column '{column.name}' has empty cells")
-            values = values.astype(object).mask(values.isna(), OLDER[column.kind])
+            raise ValueError(f"the column '{column.name}' has empty cells")
         typed[column.name] = (
             values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
         )
@@ -146,8 +140,8 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
     """Read a table from a CSV file that handbench wrote.
-    An older file may lack the last columns, if these are optional. Raises HandbenchError for a file
-    with other columns, and for a cell that is not of its column's type, naming the line."""
+    Raises HandbenchError for a file with other columns, and for a cell that is not of its column's
+    type, naming the line."""
     import pandas as pd
 
     try:
@@ -160,16 +154,15 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
             raise ValueError(f"its first line has about {wide} columns, more than {MOST_COLUMNS}")
         lines = csv.reader(io.StringIO(text))
         header = next(lines, [])
-        required = sum(not column.optional for column in schema.columns)
-        if len(header) < required or header != schema.names[: len(header)]:
+        if header != schema.names:
             raise ValueError(
                 f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(schema.names)}"
             )
-        rows, columns, number = list[list[Any]](), schema.columns[: len(header)], lines.line_num + 1
+        rows, number = list[list[Any]](), lines.line_num + 1
         for cells_of_line in lines:
-            rows.append(_values(columns, cells_of_line, number))
+            rows.append(_values(schema.columns, cells_of_line, number))
             number = lines.line_num + 1
-        return conform(pd.DataFrame(rows, columns=header).reindex(columns=schema.names), schema)
+        return conform(pd.DataFrame(rows, columns=header), schema)
     except (ValueError, csv.Error) as error:
         raise HandbenchError(
             f"{path}: {' '.join(str(error).split())}; run the benchmark again"

@@ -92,16 +92,6 @@ class CaptureFacts(Config):
     references: tuple[Reference, ...] = ()
     effects: tuple[dict[str, Any], ...] = ()
 
-    @model_validator(mode="before")
-    @classmethod
-    def _of_before(cls, given: Any) -> Any:
-        """Convert the form of earlier versions, in which `kind` was "accuracy" for captures that
-        measured both, and "precision" for the others."""
-        if not isinstance(given, dict) or given.get("kind") not in MEASURES:
-            return given
-        rest = {key: value for key, value in given.items() if key != "kind"}
-        return rest if given["kind"] == "accuracy" else {"measures": ("precision",), **rest}
-
 
 class MethodFacts(Config):
     """One method of a result: id, title, and its complete configuration on each capture."""

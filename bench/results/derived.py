@@ -10,32 +10,28 @@ import pandas as pd
 
 from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT, SMOOTHING
 from handbench.bench.evaluation.intervals import figure_interval
-from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, pool
+from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
 from handbench.bench.evaluation.tables import (
-    CAPTURES,
     COMPARISONS,
     EQUAL,
     MOTION,
     RELIABILITY,
     REPEATS,
-    SCORES,
     ByMethod,
     by_method,
     conform,
     frame,
 )
 from handbench.bench.results.about import REFERENCES, CaptureFacts
-from handbench.bench.results.maps import depth_path, read_errors
+from handbench.bench.results.maps import depth_path
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
-# where a result of an earlier version does not say by what
-COMPARED = (HEADLINE, "observed_percent")
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
 STRONGEST = "strongest_z_m"
 # of moving scenes in the table of scores: mean |radial velocity| of the surface, mm/s; time from
@@ -53,7 +49,7 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     """Return the metrics by which methods are compared with their own settings, not under equal
     treatment.
     protocol: the entry "protocol" of result.json."""
-    named = protocol.get("compared", COMPARED)
+    named = protocol.get("compared")
     known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
     return (
         [metric for metric in known if metric in named] if isinstance(named, list | tuple) else []
@@ -175,28 +171,3 @@ def reliability(result: Result) -> pd.DataFrame:
     keys = RELIABILITY.names[:-1]
     means = frame(RELIABILITY, rows).groupby(keys, sort=False).mean().reset_index()
     return conform(means, RELIABILITY)
-
-
-def scores(result: Result) -> pd.DataFrame:
-    """Compute the table SCORES for a result folder of version 0.2, which does not have it.
-    The figures of the captures come from their error maps, those under equal treatment from
-    captures.csv, and the repeats from repeats.csv."""
-    rows: list[tuple[Any, ...]] = []
-    for capture, method in product(result.scored(), result.about.methods):
-        for reference in capture.references:
-            figures = pool([read_errors(result.folder, capture.name, method.name, reference)])
-            rows += [
-                (capture.name, method.name, reference, "", 0, *figure) for figure in figures.items()
-            ]
-    captures, repeated = (
-        result.files.get("captures", frame(CAPTURES)),
-        result.files.get("repeats", frame(REPEATS)),
-    )
-    treated_scores = captures[captures.treatment != ""].assign(frame=0)
-    strongest = repeated.rename(columns={"repeat": "frame", "z_m": "value"})
-    strongest = strongest.assign(reference="", treatment="", metric=STRONGEST)
-    found = pd.concat(
-        [frame(SCORES, rows), treated_scores[SCORES.names], strongest[SCORES.names]],
-        ignore_index=True,
-    )
-    return found.drop_duplicates(SCORES.names[:-1], ignore_index=True)

@@ -3,8 +3,7 @@ result.json."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, frame, read, write
+from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, read, write
 from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import (
     Frames,
@@ -27,27 +26,24 @@ from handbench.bench.results.maps import (
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
 from handbench.support.limits import MOST_CELLS, TOML_BYTES
-from handbench.support.progress import say
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# files of version 0.2 only
-OLDER = ("repeats", "comparisons", "equal", "captures", "reliability")
-FURTHER = ("scores", *OLDER)
-TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", *FURTHER)}
+TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", "scores")}  # the files NAME.csv
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """Make a property of Result that returns a table. The table is read from its file if the folder
-    has one, and otherwise computed at the first use."""
+    """Make a property of Result that returns the table that the function `name` of
+    `bench.results.derived` computes, at the first use."""
 
     def table(result: Result) -> pd.DataFrame:
         from handbench.bench.results import derived  # with pandas and scipy
 
-        return result.files[name] if name in result.files else getattr(derived, name)(result)
+        table: pd.DataFrame = getattr(derived, name)(result)
+        return table
 
     return cached_property(table)
 
@@ -57,19 +53,18 @@ class Result:
     """A complete result folder that has been read. Its maps and photographs are read when they are
     asked for.
 
-    about: content of result.json. table: the main table; tasks: one line for each stage of the run.
-    config: text of config.toml. files: further tables for which the folder has files. The
-    properties scores, repeats, comparisons, equal, motion and reliability are
-    tables too, computed if there is no file. `bench.evaluation.tables` declares the columns of all
-    tables.
+    about: content of result.json. table: the main table; tasks: one line for each stage of the run;
+    scores: one line for each figure of a capture. config: text of config.toml. The properties
+    repeats, comparisons, equal, motion and reliability are tables computed from these.
+    `bench.evaluation.tables` declares the columns of all tables.
     """
 
     folder: Path
     about: About
     table: pd.DataFrame
     tasks: pd.DataFrame
+    scores: pd.DataFrame
     config: str
-    files: Mapping[str, pd.DataFrame] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         methods = ", ".join(method.name for method in self.about.methods)
@@ -77,7 +72,6 @@ class Result:
             f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
         )
 
-    scores = _derived("scores")
     repeats = _derived("repeats")
     equal = _derived("equal")
     comparisons = _derived("comparisons")
@@ -209,30 +203,16 @@ def write_config(folder: Path, toml: str) -> None:
 
 
 def load(folder: str | Path) -> Result:
-    """Read and check a result folder. Raises HandbenchError if it is missing, incomplete, or of
-    another version."""
+    """Read and check a result folder. Raises HandbenchError if it is missing or incomplete."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
     remedy = "run the benchmark again or use the handbench that wrote it"
     about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
     config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode(
         "utf-8", "replace"
     )
-    paths = {name: folder / f"{name}.csv" for name in TABLES}
-    older = OLDER if not paths["scores"].exists() else ()
-    if older and not any(paths[name].exists() for name in older):
-        say(
-            f"{folder}: has neither scores.csv nor the tables of version 0.2, so its captures "
-            "cannot be compared; run the benchmark again"
-        )
-    tables = {
-        name: read(path, TABLES[name])
-        for name, path in paths.items()
-        if name not in FURTHER or path.exists()
-    }
-    tables = {name: frame(TABLES[name]) for name in older} | tables
-    if "scores" in tables:
-        _require_figures(paths["scores"], tables["scores"])
-    result = Result(folder, about, tables.pop("table"), tables.pop("tasks"), config, tables)
+    tables = {name: read(folder / f"{name}.csv", schema) for name, schema in TABLES.items()}
+    _require_figures(folder / "scores.csv", tables["scores"])
+    result = Result(folder, about, **tables, config=config)
     _require_complete(result)
     return result
 

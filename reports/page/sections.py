@@ -50,8 +50,7 @@ def verdicts(result: Result) -> tuple[Grid, list[Grid]]:
         how = f", {TREATMENTS.get(treatment, treatment)}" if treatment else ""
         heading = f"{result.title(metric)}{common} {AGAINST.get(reference, reference)}{how}"
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
-        blocks = f" ({first.n_blocks} blocks)" if first.n_blocks else ""  # of an earlier version
-        caption = f"{heading}: every pair on {first.n_captures} captures{blocks}"
+        caption = f"{heading}: every pair on {first.n_captures} captures"
         pairs.append(Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows))
         best = sorted(result.best(metric, reference, treatment), key=set(lines.worse).__contains__)
         if best:
@@ -95,8 +94,7 @@ def stage_times(result: Result) -> Grid:
 def effects(result: Result) -> tuple[Grid | None, str]:
     """Return a table of the simulated physical effects that were on in a capture, and a sentence
     that names the others. The table has the largest values over the captures of an effect's size,
-    which only files of earlier versions have, and its computing time; it is None if no effect was
-    on."""
+    where it is known, and its computing time; it is None if no effect was on."""
     by_effect: dict[str, list[dict[str, Any]]] = {}
     every = [row for capture in result.about.captures for row in capture.effects]
     for row in every:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -13,7 +11,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import of_captures
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
-from handbench.bench.evaluation.tables import CAPTURES, REPEATS, TASKS, frame
+from handbench.bench.evaluation.tables import SCORES, TASKS, frame
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json, write_npz
 
@@ -23,7 +21,10 @@ ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
 TASK = frame(
     TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)]
 )
-REPEATED = frame(REPEATS, [("hand1", "3fsk", i, z) for i, z in enumerate((0.3, None, 0.301))])
+STRONGEST_M = (0.3, None, 0.301)
+SCORED = frame(
+    SCORES, [("hand1", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(STRONGEST_M)]
+)
 
 
 def rows() -> pd.DataFrame:
@@ -41,7 +42,7 @@ def folder(tmp_path):
     results.write_surface(tmp_path, "B", "truth", results.SurfaceMap(AXIS, AXIS, Z))
     results.write_surface(tmp_path, "B", "3fsk", results.SurfaceMap(AXIS, AXIS, Z + 1e-3))
     results.write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
-    results.write_tables(tmp_path, table=rows(), tasks=TASK, repeats=REPEATED)
+    results.write_tables(tmp_path, table=rows(), tasks=TASK, scores=SCORED)
     results.write_config(tmp_path, 'name = "ü"\n')
     results.write_about(
         tmp_path,
@@ -62,22 +63,13 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_captures_of_earlier_results_measured_both(folder):
-    """They had no `measures`, but a `kind`, which was "accuracy" for all that runs wrote."""
-    about = read_json(folder / "result.json", "a result")
-    about["captures"] = [{"name": "B", "references": ["truth"], "kind": "accuracy"}, {"name": "C"}]
-    read = results.About.model_validate(about).captures
-    assert [capture.measures for capture in read] == [("accuracy", "precision")] * 2
-    about["captures"] = [{"name": "C", "kind": "precision"}]
-    assert results.About.model_validate(about).captures[0].measures == ("precision",)
-
-
 def test_what_is_written_comes_back(folder):
     """The floor stands directly after the MAE, and is unknown here, since nothing tells how the
     reference errs: an empty cell, never a zero. No frame was timed: no figure."""
     result = results.load(folder)
     assert result.table.equals(rows())
-    assert result.tasks.equals(TASK) and result.repeats.equals(REPEATED)
+    assert result.tasks.equals(TASK) and result.scores.equals(SCORED)
+    assert result.repeats.z_m.equals(SCORED.value)
     assert result.config == 'name = "ü"\n' and result.photo("B") is None
     assert result.about.protocol == {"nested": {"list": [1, 2]}}
     assert result.about.metrics == results.metric_facts()
@@ -92,44 +84,13 @@ def test_what_is_written_comes_back(folder):
     assert lines[2] == "floor_mm,3fsk,,,,mm,,truth" and "seconds,3fsk,,,,s,,truth" in lines
     mae = result.row("mae_mm", "3fsk", "truth")
     assert mae.value == pytest.approx(1, rel=1e-9) and mae.paper == 1.7
-    (folder / "repeats.csv").unlink()
-    assert results.load(folder).repeats.equals(frame(REPEATS))
-
-
-def test_a_folder_of_version_0_2_has_the_same_tables(small_result, tmp_path):
-    """It had them as files, and no scores.csv, whose figures come back from captures.csv and the
-    maps of errors. Earlier ones had neither failures nor machines."""
-    new, old = results.load(small_result), tmp_path / "old"
-    shutil.copytree(small_result, old, ignore=shutil.ignore_patterns("work"))
-    (old / "scores.csv").unlink()
-    about = read_json(old / "result.json", "a result")
-    write_json(old / "result.json", {key: about[key] for key in about.keys() - {"failures"}})
-    tasks = (old / "tasks.csv").read_text().splitlines()
-    (old / "tasks.csv").write_text("".join(f"{line.rsplit(',', 5)[0]}\n" for line in tasks))
-    names = "repeats", "comparisons", "equal", "causes", "reliability"
-    derived = {name: getattr(new, name) for name in names}
-    scored = new.scores[(new.scores.reference != "") & (new.scores.frame == 0)]
-    captures = scored.assign(unit="mm")[scored.metric.isin(["mae_mm", "aurc_mm"])][CAPTURES.names]
-    results.write_tables(old, **derived, captures=captures)
-    read = results.load(old)
-    assert read.about.failures == () and np.isnan(read.tasks.gemm_gflops[0])
-    for name, table in derived.items():
-        assert len(table) and getattr(read, name).equals(table), name
-    keys = ["method", "treatment"]
-    expected, found = (
-        result.scores.query("metric == 'mae_mm' and frame == 0").set_index(keys).value.sort_index()
-        for result in (new, read)
-    )
-    assert len(found) == 6 and found.equals(expected)
-    with (old / "scores.csv").open("w") as stream:
-        stream.write((small_result / "scores.csv").read_text() + "ball,2fsk,truth,,0,mae_mm,7\n")
-    with pytest.raises(HandbenchError, match=r"scores\.csv: has two lines for the same figure"):
-        results.load(old)
 
 
 HEADER = "metric,method,value,low,high,unit,paper,reference\n"
+SCORE_HEADER = "capture,method,reference,treatment,frame,metric,value\n"
+SCORE = "B,3fsk,truth,,0,mae_mm,7\n"
 MISSING = (
-    *("result.json", "table.csv", "tasks.csv", "config.toml", "depth/B__truth.npz"),
+    *("result.json", "table.csv", "tasks.csv", "scores.csv", "config.toml", "depth/B__truth.npz"),
     *("depth/B__3fsk.npz", "errors/B__3fsk__truth.npz"),
 )
 REFUSED = {
@@ -140,6 +101,7 @@ REFUSED = {
     "empty": ("table.csv", "", r"table\.csv"),
     "columns": ("table.csv", "metric,method\n", r"table\.csv"),
     "text": ("table.csv", f"{HEADER}mae_mm,3fsk,abc,,,mm,,truth\n", r"table\.csv"),
+    "twice": ("scores.csv", f"{SCORE_HEADER}{2 * SCORE}", "two lines for the same figure"),
     "nan": ("table.csv", f"{HEADER}mae_mm,3fsk,nan,,,mm,,truth\n", r"table\.csv"),
 }
 

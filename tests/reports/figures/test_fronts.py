@@ -31,7 +31,7 @@ def test_a_folder_alone_becomes_a_page_with_pictures_for_papers(folder, tmp_path
     files = {path.name for path in tmp_path.rglob("*") if path.is_file()}
     assert files == {"index.html", "front.md", "front.tex", *pictures}
     text = (tmp_path / "index.html").read_text(encoding="utf-8")
-    for shown in ("Photogrammetry", "× 1000", "× 31.5", "Broadband, 0.01"):
+    for shown in ("groundtruth", "× 1000", "× 31.5", "Broadband, 0.01"):
         assert shown in text
 
 

@@ -9,7 +9,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 import pytest
 
 from handbench.bench import results
@@ -19,8 +19,16 @@ from handbench.cli import compare as compare_command
 from handbench.cli.main import parser
 from handbench.reports.tables import comparison
 from handbench.support.errors import HandbenchError
+from tests.reports.synthetic_result import write_synthetic
 
 EVIL = "<b>50%_of$x & {y} \\ |[z]</b>"
+
+
+@pytest.fixture(scope="module")
+def result_folder(tmp_path_factory) -> Path:
+    """A synthetic result whose protocol compares methods by their errors."""
+    folder = tmp_path_factory.mktemp("result") / "table"
+    return write_synthetic(folder, step_m=6e-3, tested=("mae_mm",))
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +36,10 @@ def other_folder(result_folder, tmp_path_factory) -> Path:
     """The synthetic result on a slower machine, with 1 mm more error in 3-FSK."""
     folder = tmp_path_factory.mktemp("other") / EVIL.replace("/", "")
     shutil.copytree(result_folder, folder)
-    for file in (folder / "errors").glob("*__3fsk__*.npz"):
-        arrays = dict(np.load(file))
-        arrays["error_m"] = arrays["error_m"] + 1e-3 * np.sign(arrays["error_m"])
-        np.savez_compressed(file, **arrays)
+    scores = pd.read_csv(folder / "scores.csv", keep_default_na=False)
+    worse = (scores.method == "3fsk") & (scores.metric == "mae_mm")
+    scores["value"] = pd.to_numeric(scores.value) + worse
+    scores.to_csv(folder / "scores.csv", index=False)
     about = json.loads((folder / "result.json").read_text("utf-8"))
     about["machine"]["gemm_gflops"] = 50.0
     about["versions"]["numpy"] = EVIL

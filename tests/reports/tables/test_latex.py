@@ -15,10 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.bench import results
-from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.bench.results.compare_results import compare_results
 from handbench.reports.tables import comparison, latex
-from tests.reports.synthetic_result import write_synthetic_tradeoff
+from tests.reports.synthetic_result import compared, write_synthetic_tradeoff
 
 HOSTILE = (
     "\\input{/etc/passwd}",
@@ -42,11 +41,10 @@ def named(result: results.Result, names: tuple[str, ...]) -> results.Result:
         m.model_copy(update={"title": name})
         for m, name in zip(result.about.methods, names, strict=False)
     ]
-    figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, 30, "", "")
+    figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, "", "")
     lines = [("mae_mm", a.name, b.name, *figures) for a, b in pairwise(methods)]
     about = result.about.model_copy(update={"methods": tuple(methods), "name": names[-1]})
-    files = {**result.files, "comparisons": frame(COMPARISONS, lines)}
-    return replace(result, about=about, files=files)
+    return compared(replace(result, about=about), lines)
 
 
 def files_read(folder: Path, texts: dict[str, str], paper: bool = False) -> str:
