@@ -65,13 +65,14 @@ def body(case: Case) -> Body:
     """Its cylinders, with closed ends, or its spheres as one body of meshes."""
     made = load_open3d().geometry.TriangleMesh()
     for shape in case.bodies:
-        made += _mesh(shape)
+        made += mesh_of(shape)
     faces = np.asarray(made.triangles)
     palm = np.ones(len(faces), bool) if case.material == "palm" else None
     return Body(np.asarray(made.vertices), faces, MATERIALS[case.material], palm)
 
 
-def _mesh(shape: Shape) -> TriangleMesh:
+def mesh_of(shape: Shape) -> TriangleMesh:
+    """Its mesh; cylinders have closed ends."""
     if isinstance(shape, CoatedSphere):
         return sphere_mesh(shape.radius_m, AROUND_M / 2).translate(shape.centre_m)
     around = int(np.ceil(2 * np.pi * shape.radius_m / AROUND_M))

@@ -24,7 +24,7 @@ from handbench.radar.simulation.physics.diffraction import (
 from handbench.radar.simulation.physics.reflection import dielectric_permittivity, interface
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.support.rays import Rays, load_open3d
-from tests.references.exact.cases import MATERIALS
+from tests.references.exact.cases import MATERIALS, mesh_of
 from tests.references.exact.cylinders import ACROSS, ALONG, Cylinder, scattered
 
 TONE_HZ = 80e9
@@ -72,7 +72,7 @@ def exact_field(radius_m, antenna_m, points_m, polarisation, material):
 
 def fields(radius_m, antenna_m, points_m, polarisation, material):
     """The same by the outline of a mesh, as a knife's edge and as a round one."""
-    mesh = Cylinder(0.0, AXIS_M, radius_m).mesh()
+    mesh = mesh_of(Cylinder(0.0, AXIS_M, radius_m))
     body = Body(np.asarray(mesh.vertices), np.asarray(mesh.triangles), material)
     angle_deg = 90.0 if polarisation == ALONG else 0.0
     scene = EchoScene(qar50(), np.array([TONE_HZ]), np.zeros(1), body, polarisation_deg=angle_deg)
