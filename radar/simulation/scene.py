@@ -76,8 +76,7 @@ class EchoScene:
     polarisation_deg: direction of the antennas' electric field, from x towards y (used for balls
     and for echoes over two or more places).
 
-    Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided;
-    mirrors_coarser multiplies that of the mirrors of multiple bounces once more.
+    Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided.
     """
 
     array: AntennaArray
@@ -91,7 +90,6 @@ class EchoScene:
     depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
     coarser: float = 1.0
-    mirrors_coarser: float = 1.0
     frame_period_s: float | None = None
     origin_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
     bent: Callable[[float], np.ndarray] | None = None

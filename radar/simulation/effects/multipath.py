@@ -36,7 +36,7 @@ def multipath(echoes: Echoes) -> Echoes:
     )
     if surface.layer is not None:  # 0 for a face without visible facets
         layer[surface.facets.face] = surface.layer
-    longest_m = PATCH * scene.wavelength_m * scene.mirrors_coarser
+    longest_m = PATCH * scene.wavelength_m
     antennas_m = np.concatenate([leg.position_m for leg in echoes.array.legs])
     mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
     if not len(mirrors.face):
