@@ -36,6 +36,7 @@ METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
 SPREAD = {"max_mm": "frames_max_deviation_mm"}  # the deviation between frames of a figure
 EQUAL = (("common_percent", "none"), (HEADLINE, "none"), (HEADLINE, "window"))
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "nfsk-plus", "joint", "broadband-aligned")
+WITH_INTERVAL = (HEADLINE, "precision_mm")
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
 FIGURE, POSE, SHOWN = "docs/depth_F.png", "F", ("2fsk", "3fsk", "broadband")
 BLOCK = re.compile(r"(?<=<!-- table: begin -->\n)(.*)(?=<!-- table: end -->)", re.DOTALL)
@@ -91,7 +92,7 @@ def _cell(row: Any) -> str:
     parts = [number(row.value, places)]
     if (row.metric, row.method) == FITTED:
         parts.append("(fitted)")
-    elif is_known(row.low) and row.metric != "seconds":
+    elif row.metric in WITH_INTERVAL:
         parts.append(escaped(interval(row.low, row.high, places)))
     if is_known(getattr(row, "paper", None)):
         parts.append(f"*{paper(row.paper, row.unit)}*")
