@@ -3,7 +3,7 @@
 import re
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
 
@@ -28,7 +28,8 @@ IMAGINARY = re.compile(r"(?<=[\d.])i\b")  # of a complex number as MATLAB writes
 NUMBER = re.compile(r"[-+.(\d]")  # how one begins
 # how the header of a MATLAB file ends: version and order of bytes
 MATLAB = {b"\x00\x01IM": "<", b"\x01\x00MI": ">"}
-HEADER, TAG, COMPRESSED = 128, 8, 15  # bytes, bytes, kind of element
+HEADER, TAG, MATRIX, COMPRESSED = 128, 8, 14, 15  # bytes, bytes, kinds of element
+KINDS = (*range(1, 8), 9, 12, 13, MATRIX, 16, 17, 18)
 
 
 def read_named(folder: Path, text: str, file: str | None, skip_lines: int = 0) -> np.ndarray:
@@ -114,23 +115,45 @@ def _read_matlab(path: Path, name: str) -> np.ndarray:
 
 
 def _unpacked(content: bytes) -> bytes:
-    """Unpack the compressed variables of a MATLAB file. Raises ValueError for another file, and if
-    they have more than ARRAY_BYTES, since SciPy unpacks any number of bytes."""
+    """Unpack the compressed variables of a MATLAB file. Raises ValueError for another file, if the
+    variables have more than ARRAY_BYTES, since SciPy unpacks any number of bytes, and for a kind of
+    element on which SciPy crashes."""
     order = MATLAB.get(content[HEADER - 4 : HEADER])
     if order is None:
         raise ValueError("it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7")
-    parts, at, left = [content[:HEADER]], HEADER, ARRAY_BYTES
-    while at < len(content):
-        kind, size = struct.unpack_from(f"{order}II", content, at)
-        element = content[at : at + TAG + size]
-        at += TAG + size
+    parts, left = [content[:HEADER]], ARRAY_BYTES
+    for kind, element in _elements(content[HEADER:], order):
+        variable = element
         if kind == COMPRESSED:
-            element = zlib.decompressobj().decompress(element[TAG:], left + 1)
-        left -= len(element)
+            variable = zlib.decompressobj().decompress(element[TAG:], left + 1)
+        left -= len(variable)
         if left < 0:
             raise ValueError(f"it unpacks to more than {ARRAY_BYTES} bytes; save it with -v7.3")
-        parts.append(element)
+        _require_known(variable, order)
+        parts.append(variable)
     return b"".join(parts)
+
+
+def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield the elements that follow one another, each as its kind and its bytes with the tag.
+    order: of bytes, "<" or ">"."""
+    at = 0
+    while at + TAG <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        if kind >> 16:  # a short element, within its tag
+            kind, size = kind & 0xFFFF, 0
+        end = at + TAG + (size if kind == COMPRESSED else -(-size // TAG) * TAG)
+        yield kind, content[at:end]
+        at = end
+
+
+def _require_known(content: bytes, order: str) -> None:
+    """Raise ValueError for an element of an unknown kind, also within arrays."""
+    for kind, element in _elements(content, order):
+        if kind not in KINDS:
+            raise ValueError(f"it has an element of the unknown kind {kind}")
+        if kind == MATRIX:
+            _require_known(element[TAG:], order)
 
 
 def _read_table(path: Path, title: str, skip_lines: int) -> np.ndarray:
