@@ -55,8 +55,6 @@ def python(*words, cwd=None):
 
 @pytest.mark.slow
 def test_a_script_loads_images_scores_and_draws_beside_files_named_as_ours_were(ball, tmp_path):
-    """Version 0.2 installed packages of these five names, so that such a file or folder hid one of
-    them."""
     for name in ROOMS:
         (tmp_path / f"{name}.py").write_text("raise RuntimeError('the user's own file')")
     (tmp_path / "script.py").write_text(f"""import handbench as hb

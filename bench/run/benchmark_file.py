@@ -159,16 +159,6 @@ class MethodEntry(Config):
         """Whether the method is not part of handbench, but given by depth maps or by a command."""
         return self.maps is not None or self.command is not None
 
-    @model_validator(mode="before")
-    @classmethod
-    def _no_submission(cls, given: Any) -> Any:
-        if isinstance(given, dict) and "submission" in given:
-            raise ValueError(
-                'the key submission is no longer used; give maps = "FOLDER", with a depth map '
-                "CAPTURE.npz for each capture"
-            )
-        return given
-
     @model_validator(mode="after")
     def _foreign_as_it_is(self) -> "MethodEntry":
         where = f"method '{self.id}'"

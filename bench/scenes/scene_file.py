@@ -219,14 +219,8 @@ class Sensor(SensorFaults):
 
 
 class Photos(Config):
-    """The photographs to simulate: cameras, pictures, sensor, lens, and imperfections.
+    """The photographs to simulate: cameras, pictures, sensor, lens, and imperfections."""
 
-    effects: "all" and "auto" both mean every effect whose key below is set. tolerance_mm: has no
-    effect.
-    """
-
-    effects: Literal["all", "auto"] = "all"
-    tolerance_mm: float = Field(default=0.01, gt=0)
     cameras: int = Field(default=8, ge=2, le=100)
     width: int = Field(default=2400, ge=64, le=12_000)
     height: int = Field(default=1600, ge=64, le=12_000)
@@ -279,16 +273,15 @@ class SceneFile(Config):
     """The content of a scene file.
 
     effects: names of the effects to simulate, or "auto" for every effect that the scene has a cause
-    for. tolerance_mm: has no effect. depth_step_hz: frequency step between the two tones from which
-    `--explain` determines depth. noise, sensor and target also contain the causes of effects.
-    photos: None for no photographs. mount: pose of the stand's board.
+    for. depth_step_hz: frequency step between the two tones from which `--explain` determines
+    depth. noise, sensor and target also contain the causes of effects. photos: None for no
+    photographs. mount: pose of the stand's board.
     """
 
     version: Literal[1]
     name: Name
     seed: int = Field(default=0, ge=0)
     effects: Literal["auto"] | tuple[str, ...] = "auto"
-    tolerance_mm: float = Field(default=0.1, gt=0)
     depth_step_hz: Tone = DEPTH_STEP_HZ
     target: Annotated[AnyTarget, Field(discriminator="kind")]
     sensor: Sensor = Sensor()

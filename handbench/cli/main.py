@@ -6,7 +6,6 @@ import argparse
 import errno
 import io
 import os
-import resource
 import sys
 import time
 from collections.abc import Sequence
@@ -19,22 +18,7 @@ from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import duration, say
 
-# of addresses, without which libraries hang or crash as they are loaded
-LIBRARIES_BYTES, THREAD_BYTES = (2**31, 2**28)
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
-FORMER = {  # commands of earlier versions: what takes their place
-    "stability": "'make hard-cases' in a clone",
-    "design": "'handbench compare', which says how many hands show a difference",
-    "draw": "'handbench show'",
-    "export": "gone: handbench reads MAROON's layout ('handbench import') and does not write it",
-    "study": "a script: 'python -m tests.references.exact.measure_exact' in a clone",
-    "evaluate-submission": "'handbench run', of a benchmark with [[method]] maps = \"FOLDER\"",
-    "hands": "'handbench simulate hands'",
-    "leaderboard": "'handbench report A B', of two result folders or more",
-    "submit": "'handbench run', of a benchmark with [[method]] command = \"PROGRAM {capture} "
-    '{depth}"',
-    "validate": "'handbench inspect'",
-}
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
 
 
@@ -47,15 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         import argcomplete
 
         argcomplete.autocomplete(known)
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    if given and given[0] in FORMER:
-        print(f"handbench: {given[0]!r} is now {FORMER[given[0]]}", file=sys.stderr)
-        return 2
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
-    options = known.parse_args(given)
+    options = known.parse_args(arguments)
     try:
-        _require_addresses()
         with called_from("command line"), _device(options):
             start = time.monotonic()
             summary = import_module(f"handbench.cli.{options.module}").run(options)
@@ -111,18 +90,6 @@ def _drain() -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _require_addresses() -> None:
-    """Raise a HandbenchError if the limit of the address space (`ulimit -v`) is too low for the
-    libraries and their threads."""
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    needed = LIBRARIES_BYTES + THREAD_BYTES * len(os.sched_getaffinity(0))
-    if 0 <= limit < needed:
-        raise HandbenchError(
-            f"ulimit -v: is {limit // 1024} kB, but handbench needs {needed // 1024} kB; raise "
-            "it, or set it to unlimited"
-        )
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:

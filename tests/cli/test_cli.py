@@ -1,7 +1,6 @@
 """The command line as a user meets it."""
 
 import json
-import re
 import shutil
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.native import NativeCapture
-from handbench.cli.main import FORMER, main
+from handbench.cli.main import main
 from handbench.cli.options import COMMANDS, declared_commands
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
@@ -61,7 +60,6 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("compare missing made -o out", "missing", "expected a folder"),
     ("import mapping missing -o out", "missing", "expected"),
     ("list methods nothing-like-it", "nothing-like-it"),
-    *((f"{command} anything", f"is now {FORMER[command]}") for command in FORMER),
 ]
 
 
@@ -112,9 +110,6 @@ def test_refusals_are_known_of_every_command_that_takes_arguments():
     assert {line.split()[0] for line, *_ in REFUSALS} >= set(declared_commands(COMMANDS)) - {
         "doctor"
     }
-    assert not set(FORMER) & set(declared_commands(COMMANDS))
-    for successor in re.findall(r"'handbench ([a-z-]+)", " ".join(FORMER.values())):
-        assert successor in declared_commands(COMMANDS)
 
 
 def test_capture_to_metrics(made, tmp_path, capsys):

@@ -191,13 +191,6 @@ def command(*before, words):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("limit_mb", [400, 2400])
-def test_short_memory_is_one_sentence(inputs, tmp_path, limit_mb):
-    limit = f"import resource; resource.setrlimit(resource.RLIMIT_AS, ({limit_mb} << 20,) * 2)"
-    one_sentence(*command(limit, words=COMMANDS["reconstruct"].format(i=inputs, o=tmp_path)))
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["read only", "missing", "file"])
 def test_a_command_does_without_home_and_caches(inputs, tmp_path, monkeypatch, kind):
     (tmp_path / "read only").mkdir(mode=0o555)
