@@ -1,5 +1,5 @@
 """`handbench demo`: simulate a hand, image it with the paper's four methods, and show their errors
-and one picture; or image the measured captures in a folder by the methods that they set up."""
+and one picture."""
 
 import argparse
 from importlib.metadata import version
@@ -11,7 +11,7 @@ from handbench.support.files import write_text
 from handbench.support.progress import say
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
-SCENE, CAPTURE, PICTURE, MEASURED = "hand.toml", "capture", "demo.png", "measured.png"
+SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
 TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
@@ -19,11 +19,7 @@ def run(options: argparse.Namespace) -> None:
     """Simulate a hand, image it with the paper's four methods, score the depth maps against the
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
-    capture is used again. With --measured: image the captures in that folder instead, and print
-    and draw their depths."""
-    if options.measured:
-        _measured(options.measured, options.out / MEASURED)
-        return
+    capture is used again."""
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
@@ -85,35 +81,6 @@ def run(options: argparse.Namespace) -> None:
     print(f"  handbench evaluate {better} --mesh {truth}")
     print(f"  handbench simulate {folder / SCENE} --explain")
     print("  handbench list")
-
-
-def _measured(folder: Path, picture: Path) -> None:
-    """Image all captures in a folder by the methods that they set up; print a table and draw the
-    pixels above −6 dB."""
-    import numpy as np
-
-    from handbench.bench.evaluation.metrics import TITLES
-    from handbench.bench.pipeline.measured import STRONG_DB, image_measured
-    from handbench.reports.figures.measured import measured_figure
-    from handbench.reports.figures.style import save
-    from handbench.reports.tables.result_tables import print_table, terminal_table
-
-    lines, shown = [], []
-    for found in image_measured(folder):
-        distance_m = "" if found.distance_m is None else f"{1e3 * found.distance_m:.0f}"
-        title = TITLES.get(found.method, found.method)
-        figures = f"{1e3 * found.median_m:.1f}", f"{1e3 * found.std_m:.1f}"
-        strongest = ", ".join(f"{1e3 * value:.1f}" for value in found.strongest_m)
-        lines.append(
-            (found.capture, title, distance_m, *figures, strongest, f"{found.seconds:.1f}")
-        )
-        z_m = np.where(found.strong, found.depth.z_m, np.nan)
-        shown.append((f"{found.capture}\n{title}", found.depth.x_m, found.depth.y_m, z_m))
-    save(measured_figure(shown), picture)
-    columns = ("", "", "stated, mm", "median, mm", "std, mm", "strongest at x, y, z, mm", "seconds")
-    print_table(terminal_table("", columns, lines))
-    print(f"median and standard deviation of the depths above {STRONG_DB:g} dB; first frames")
-    print(f"picture: {picture}")
 
 
 def _claim(folder: Path, scene: str) -> None:

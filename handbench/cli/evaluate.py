@@ -32,8 +32,6 @@ def run(options: argparse.Namespace) -> str | None:
     if options.plot is not None:
         free(options.plot, options.overwrite)
     depth = load_depthmap(options.depth)
-    if options.most_p_gross is not None:
-        depth = depth.trusted(options.most_p_gross)
     transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
     recorded = None if options.capture is None else open_capture(options.capture)
     reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))

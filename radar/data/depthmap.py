@@ -1,13 +1,12 @@
 """Depth maps: the output of every method and the input of scoring."""
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
@@ -54,23 +53,6 @@ class DepthMap:
     velocity_m_s: np.ndarray | None = None
     velocity_sigma_m_s: np.ndarray | None = None
     velocity_limit_m_s: float | None = None
-
-    def trusted(self, most: float) -> "DepthMap":
-        """Return the map without unreliable depths: they are NaN where p_gross, the probability of
-        a gross error, exceeds `most` (0 to 1) or is unknown. Raises HandbenchError for a map
-        without p_gross and for `most` outside 0 to 1."""
-        if self.p_gross is None:
-            raise HandbenchError(
-                "depth map: has no p_gross, the probability of a gross error; make the map with "
-                "handbench reconstruct"
-            )
-        if not 0 <= most <= 1:
-            raise HandbenchError(
-                f"{option('--most-p-gross', 'most')}: is {most:g}; expected a probability from 0 "
-                "to 1"
-            )
-        keep = np.isfinite(self.z_m) & (self.p_gross <= most)
-        return replace(self, z_m=np.where(keep, self.z_m, np.nan))
 
     def checked(self, where: str | Path) -> "DepthMap":
         """Return the map if it is valid. Raises HandbenchError for arrays whose shapes or types do
