@@ -1,43 +1,36 @@
-"""`handbench show`: draw any file or folder that handbench reads or writes."""
+"""`handbench show`: draw a capture, a depth map, a mesh, a board or a calibration target."""
 
 from __future__ import annotations
 
 import argparse
 import hashlib
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from handbench.bench.results import ErrorMap, SurfaceMap, load, load_tradeoff
+from handbench.bench.results import SurfaceMap
 from handbench.cli.options import free
 from handbench.radar.data.capture import even_subset
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, read_npz, write_text
+from handbench.support.files import write_text
 from handbench.support.progress import say
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from matplotlib.figure import Figure
 
     from handbench.calibration.spheres.description import Target
     from handbench.groundtruth.board.board import Board
     from handbench.groundtruth.mesh.surface import Surface
-    from handbench.reports.figures.style import Picture
 
-KNOWN = (
-    "a capture, result or trade-off folder, .h5, .npz, .ply, .obj, .stl or .json, board.toml "
-    "or target.toml"
-)
+KNOWN = "a capture folder, a depth map .npz, a mesh .ply, .obj or .stl, board.toml or target.toml"
 MESHES = (".ply", ".obj", ".stl")
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in a drawing's title
 VIEWED_PX = 320  # of a mesh, along its longest side
 RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
-MAPS = ("z_m", "velocity_m_s", "amplitude_db", "sigma_m", "p_gross", "error_m", "reference_z_m")
 # of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first
 # two
 TURNS = {
@@ -73,8 +66,7 @@ def run(options: argparse.Namespace) -> None:
     if options.turned:
         write_text(out, page(path.name, *_surface(path)))
     else:
-        drawn = {".npz": _maps, ".json": _frames, ".h5": _recording} | dict.fromkeys(MESHES, _mesh)
-        save(drawn.get(path.suffix.lower(), _folder)(path), out)
+        save(_figure(path), out)
     print(out)
 
 
@@ -132,74 +124,23 @@ def _described(path: Path) -> tuple[Target | Board, str]:
     return parse(Board, values, str(path)), f"Board, {name} (SHA-256 {digest})"
 
 
-def _folder(path: Path) -> Figure:
-    import matplotlib
-
-    from handbench.reports.figures import depth_maps, fronts, plots
-    from handbench.reports.figures.style import STYLE
-
-    pictures: Iterator[Picture] = iter(())
-    if (path / "tradeoff.json").is_file():
-        pictures = fronts.pictures(load_tradeoff(path))
-    elif (path / "result.json").is_file():
-        result = load(path)
-        pictures = chain(
-            plots.overview(result), *(depth_maps.panels(result, c) for c in result.scored())
-        )
-    elif path.is_dir():
+def _figure(path: Path) -> Figure:
+    if path.suffix.lower() in MESHES:
+        return _mesh(path)
+    if path.suffix == ".npz":
+        return _depth(path)
+    if path.is_dir():
         return _recording(path)
-    with matplotlib.rc_context(STYLE):
-        for picture in pictures:
-            return picture.figure
     raise HandbenchError(f"{path}: cannot be shown; expected {KNOWN}")
 
 
-def _arrays(path: Path) -> dict[str, Any]:
-    """Read the arrays of one of handbench's .npz files by name: a depth map, an error map, the
-    depths of a reference, or a volume. Raises HandbenchError if their shapes do not fit x_m [nx]
-    and y_m [ny]."""
-    found = read_npz(path, ("x_m", "y_m"), (*MAPS, "volume", "method"))
-    shape = found["y_m"].size, found["x_m"].size
-    shapes: dict[str, tuple[int, ...]] = {
-        "x_m": shape[1:],
-        "y_m": shape[:1],
-        "method": (),
-    } | dict.fromkeys(MAPS, shape)
-    if "volume" in found:
-        shapes |= {"z_m": found["volume"].shape[:1], "volume": (*found["volume"].shape[:1], *shape)}
-    wrong = [name for name, values in found.items() if values.shape != shapes[name]]
-    if wrong or not ("z_m" in found or {"error_m", "reference_z_m"} <= found.keys()):
-        raise HandbenchError(
-            f"{path}: {', '.join(wrong) or 'z_m'} is missing or has a shape that does not fit x_m "
-            "and y_m; make the file again"
-        )
-    return found
+def _depth(path: Path) -> Figure:
+    from handbench.reports.figures.layers import depth_layers, layers_figure
 
-
-def _maps(path: Path) -> Figure:
-    from handbench.reports.figures.layers import (
-        depth_layers,
-        error_layer,
-        layers_figure,
-        volume_layers,
-    )
-
-    found = _arrays(path)
-    axes, title = (
-        (found["x_m"], found["y_m"]),
-        f"{path.name}: {found['method']}" if "method" in found else path.name,
-    )
-    if "error_m" in found:
-        return layers_figure(
-            [error_layer(ErrorMap(*axes, found["error_m"], found["reference_z_m"]))], title
-        )
-    volume, z_m = found.get("volume"), found["z_m"]
-    layers = (
-        depth_layers(SurfaceMap(*axes, z_m), found)
-        if volume is None
-        else volume_layers(volume, *axes, z_m)
-    )
-    return layers_figure(layers, title)
+    depth = load_depthmap(path)
+    maps = {name: values for name, values in vars(depth).items() if isinstance(values, np.ndarray)}
+    surface = SurfaceMap(depth.x_m, depth.y_m, depth.z_m)
+    return layers_figure(depth_layers(surface, maps), f"{path.name}: {depth.method}")
 
 
 def _mesh(path: Path) -> Figure:
@@ -262,37 +203,11 @@ def _pixels(vertices_m: np.ndarray) -> list[np.ndarray]:
     return [np.arange(low_m[i] - 4 * step_m, high_m[i] + 4 * step_m, step_m) for i in (0, 1)]
 
 
-def _frames(path: Path) -> Figure:
-    from handbench.bench.datasets.maroon_alignment import load_any_transform
-    from handbench.groundtruth.cameras.cameras import load_cameras
-    from handbench.reports.figures.recordings import frames_figure
-
-    if "cameras" not in read_json(path, "a transform, or cameras"):
-        t = load_any_transform(path)
-        frames = {t.target: np.eye(4), t.source: t.matrix}
-        return frames_figure(
-            f"{path.name}: {t.target} from {t.source}", frames, 1e3 * t.residuals_m
-        )
-    placed = {
-        c.name: np.column_stack([c.R, c.t])
-        for c in load_cameras(path)
-        if c.R is not None and c.t is not None
-    }
-    if not placed:
-        raise HandbenchError(
-            f"{path}: no camera in it has a pose (R and t), so there is nothing to draw; name a "
-            "file of cameras with poses"
-        )
-    frames = {name: np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]])) for name, pose in placed.items()}
-    return frames_figure(f"{path.name}: {len(frames)} cameras", frames, np.empty(0))
-
-
 def _recording(path: Path) -> Figure:
     from handbench.bench.datasets.dataset import open_capture
-    from handbench.radar.data.echoes_file import load_capture
     from handbench.reports.figures.recordings import SHARES, echoes_figure
 
-    capture = open_capture(path).echoes(1) if path.is_dir() else load_capture(path)
+    capture = open_capture(path).echoes(1)
     f_hz, legs = capture.frequencies_hz, capture.aperture.legs
     samples = capture.samples[0].reshape(len(f_hz), -1) / max(
         float(np.abs(capture.samples[0]).max()), 1e-38
@@ -329,10 +244,9 @@ def _surface(path: Path) -> tuple[str, SurfaceMap, str]:
     from handbench.groundtruth.mesh.depth import reference_on_grid
     from handbench.groundtruth.mesh.surface import read_surface
 
-    found = _arrays(path) if path.suffix == ".npz" else {}
-    if {"z_m", "volume"} & found.keys() == {"z_m"}:
-        surface = SurfaceMap(found["x_m"], found["y_m"], found["z_m"])
-        return str(found.get("method", "depth")), surface, "array"
+    if path.suffix == ".npz":
+        depth = load_depthmap(path)
+        return depth.method, SurfaceMap(depth.x_m, depth.y_m, depth.z_m), "array"
     mesh = read_surface(path) if path.suffix.lower() in MESHES else None
     mesh = surface_of(open_capture(path)) if path.is_dir() else mesh
     if mesh is None:

@@ -247,25 +247,6 @@ def mean_text(error_m: np.ndarray) -> str:
     return f"MAE {1e3 * np.abs(seen).mean():.2f} mm" if len(seen) else "nothing observed"
 
 
-def volume_layers(
-    volume: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray
-) -> list[Layer]:
-    """Return three panels of a complex image volume [nz, ny, nx]: its maximum along z, along y and
-    along x, in dB below its largest magnitude."""
-    magnitude, (x, y, z), silent = (
-        np.abs(volume),
-        (1e3 * x_m, 1e3 * y_m, 1e3 * z_m),
-        DECIBELS | {"label": ""},
-    )
-    with np.errstate(divide="ignore"):
-        front, above, side = (
-            20 * np.log10(magnitude.max(axis=i) / max(magnitude.max(), 1e-38)) for i in range(3)
-        )
-    layers = [Layer("from the array", x, y, front, **silent)]
-    layers.append(Layer("from above", x, z, above, axes=("x in mm", "z in mm"), **silent))
-    return [*layers, Layer("from the left", z, y, side.T, axes=("z in mm", "y in mm"), **DECIBELS)]
-
-
 def shade(surface: SurfaceMap) -> np.ndarray:
     """Return the brightness [ny, nx, 1], 0 to 1, of a surface that is lit from the upper left and
     seen from the array, with x to the left."""

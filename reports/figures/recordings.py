@@ -1,5 +1,5 @@
-"""Figures of recorded data: levels of the radar's echoes over frequency and range, positions of
-antennas, and coordinate frames of cameras and radar."""
+"""Figure of recorded data: levels of the radar's echoes over frequency and range, and positions of
+antennas."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 
 from handbench.reports.figures.style import COLOURS, STYLE
 
-AXES = ("#D55E00", "#009E73", "#0072B2")  # of x, y and z
 SHARES = (10, 50, 90)  # percentiles over the channels
 
 
@@ -69,38 +68,4 @@ def echoes_figure(
             )
         for axis in (spectrum, *more):
             axis.grid(alpha=0.25, linewidth=0.4)
-    return figure
-
-
-def frames_figure(title: str, frames: Mapping[str, np.ndarray], residuals_mm: np.ndarray) -> Figure:
-    """Draw coordinate frames in one common frame, with x, y and z axes in orange, green and blue,
-    and next to them a bar chart of the residual distances, if there are any.
-    frames: name → matrix [4, 4] that transforms points of this frame into the common frame, metres;
-    residuals_mm [n]."""
-    long_m = max(
-        0.15 * float(np.ptp([matrix[:3, 3] for matrix in frames.values()], axis=0).max()), 0.03
-    )
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(8.2 if len(residuals_mm) else 4.8, 3.6), layout="constrained")
-        figure.suptitle(title, fontsize=9)
-        axis = figure.add_subplot(1, 1 + bool(len(residuals_mm)), 1, projection="3d")
-        for name, matrix in frames.items():
-            x, y, z = 1e3 * (
-                matrix[:3, 3:] + long_m * matrix[:3, :3] / np.linalg.norm(matrix[:3, :3], axis=0)
-            )
-            at_x, at_y, at_z = 1e3 * matrix[:3, 3]
-            for end, colour in zip(zip(x, y, z, strict=True), AXES, strict=True):
-                axis.plot(
-                    [at_x, end[0]], [at_z, end[2]], [at_y, end[1]], color=colour, linewidth=1.4
-                )
-            axis.text(at_x, at_z, at_y, f" {name}", fontsize=7)
-        axis.set(xlabel="x in mm", ylabel="z in mm", zlabel="y in mm", aspect="equal")
-        axis.tick_params(labelsize=7, pad=0)
-        axis.locator_params(nbins=4)
-        axis.invert_xaxis()  # as seen from the array
-        axis.view_init(elev=22, azim=-68)
-        if len(residuals_mm):
-            bars = figure.add_subplot(1, 2, 2)
-            bars.bar(np.arange(1, len(residuals_mm) + 1), residuals_mm, color=COLOURS[0])
-            bars.set(xlabel="matched feature", ylabel="distance left over in mm", title="residuals")
     return figure

@@ -47,8 +47,7 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("evaluate made/depth.npz --mesh missing.ply", "missing.ply", "expected"),
     ("evaluate made/depth.npz --mesh m.ply --plot x.txt", "x.txt does not end in ."),
     ("show missing", "cannot be shown"),
-    ("show unposed.json", "no camera in it has a pose"),
-    ("show made/volume.npz --3d", "no surface to show in 3D"),
+    ("show misspelt.h5", "cannot be shown"),
     ("show made/depth.npz --3d -o a.png", "expected a picture file"),
     ("show target -o full", "full does not end in ."),
     ("show target -o a.png", "ends in '.png'; expected .pdf, .toml"),
@@ -79,9 +78,6 @@ def wrong(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             else:
                 del file["rx_m"]
                 file["rx_m"] = qar50().rx_m[:-1]
-    camera = {"name": "cam.jpg", "width": 30, "height": 20, "model": "PINHOLE"}
-    cameras = {"cameras": [camera | {"params": [30, 30, 15, 10]}]}
-    (folder / "unposed.json").write_text(json.dumps(cameras))
     return folder
 
 
