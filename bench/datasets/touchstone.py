@@ -16,7 +16,6 @@ import pandas as pd
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.recording import Recording
 from handbench.radar.methods.advice import default_config
-from handbench.support.caller import option
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_text, require_file, require_folder, require_size
@@ -44,7 +43,7 @@ def import_touchstone(
     HandbenchError for files of another format, or with different frequencies.
     """
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
-    chosen = parse(TouchstoneSettings, dict(settings or {}), option("--set", "settings"))
+    chosen = parse(TouchstoneSettings, dict(settings or {}), "--set")
     names, tx_m, rx_m = _read_positions(source / POSITIONS)
     measured = [
         read_touchstone(inside(source, name, POSITIONS), chosen.parameter) for name in names

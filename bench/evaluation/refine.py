@@ -28,7 +28,6 @@ from handbench.calibration.transforms import Transform, adjoint, identity, pertu
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 REASON = "aligned to the radar's own depth map: its bias cannot show"
@@ -123,7 +122,7 @@ def refine(surface: Surface, depth: DepthMap, start: Transform) -> Transform:
         raise HandbenchError(
             f"refine: would move the mesh by {1e3 * shift:.1f} mm and {np.degrees(turn):.1f}°, "
             f"but only {1e3 * FARTHEST_M:.0f} mm and {np.degrees(FARTHEST_RAD):.0f}° are "
-            f"reliable; start with a better transform ({option('--transform')}), or calibrate "
+            f"reliable; start with a better transform (--transform), or calibrate "
             "with a target"
         )
     before = _shared(surface, depth, start)
@@ -173,7 +172,7 @@ def _shared(surface: Surface, depth: DepthMap, radar_from_mesh: Transform) -> _P
         raise HandbenchError(
             f"refine: mesh and depth map share {len(row)} pixels where the surface is not steep, "
             f"in {blocks} squares of {1e3 * BLOCK_M:.0f} mm; expected at least {FEWEST_PIXELS} "
-            f"pixels in {FEWEST_BLOCKS} squares; check {option('--transform')}, and that both "
+            f"pixels in {FEWEST_BLOCKS} squares; check --transform, and that both "
             "show the same object"
         )
     points_m = np.stack([*place_m, z_m[row, column]], axis=1).astype(np.float64)

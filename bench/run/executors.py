@@ -33,7 +33,6 @@ import psutil
 
 from handbench.radar.methods.registry import method_key
 from handbench.support import cost
-from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
 from handbench.support.store import Stage, stage_code_hash
@@ -64,8 +63,7 @@ class LocalExecutor(Executor):
         raised here."""
         future: Future[Any] = Future()
         try:
-            with called_from("benchmark"):
-                future.set_result(function(*args, **kwargs))
+            future.set_result(function(*args, **kwargs))
         except HandbenchError as error:
             future.set_exception(error)
         return future
@@ -190,7 +188,7 @@ def elsewhere(
     with the traceback as its text."""
     cost.CALIBRATED |= machine
     try:
-        with _ALONE, called_from("benchmark"):
+        with _ALONE:
             if stage.name != HASH:
                 _require_same(root, stage)
             return function(root, stage)

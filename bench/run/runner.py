@@ -31,7 +31,6 @@ from handbench.bench.run.repeat_stage import read_repeats
 from handbench.bench.run.simulate_stage import CAPTURE
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, load_transform
-from handbench.support.caller import option
 from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -90,9 +89,8 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> None:
     before = folder / "config.toml"
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
-            f"{folder}: has the results of another configuration; choose another "
-            f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace "
-            "them"
+            f"{folder}: has the results of another configuration; choose another folder, or "
+            "replace them (--overwrite, in Python overwrite=True)"
         )
 
 

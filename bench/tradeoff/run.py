@@ -36,7 +36,6 @@ from handbench.bench.tradeoff.settings import (
     with_acquisition,
 )
 from handbench.radar.imaging.device import describe
-from handbench.support.caller import option
 from handbench.support.config import parse
 from handbench.support.cost import calibrated_machine, require_time
 from handbench.support.errors import HandbenchError
@@ -98,7 +97,7 @@ def run(
             if before.facts.inputs == inputs.found.inputs and before.facts.versions == versions():
                 say(
                     f"{folder}: has this trade-off already, so its figures are used again; "
-                    f"{option('--overwrite', 'overwrite=True')} measures them again"
+                    "--overwrite measures them again"
                 )
                 return before
         measured, facts = _measure_sections(inputs)
@@ -111,15 +110,13 @@ def _check_room(folder: Path, config: str, overwrite: bool) -> bool:
     HandbenchError if it has one with another configuration (unless `overwrite`), or the results of
     a run."""
     if (folder / "result.json").exists():
-        raise HandbenchError(
-            f"{folder}: has the results of `handbench run`; choose another {option('-o', 'folder')}"
-        )
+        raise HandbenchError(f"{folder}: has the results of `handbench run`; choose another folder")
     before = folder / "config.toml"
     same = before.exists() and before.read_text("utf-8", "replace") == config
     if before.exists() and not same and not overwrite:
         raise HandbenchError(
-            f"{folder}: has the trade-off of another configuration; choose another "
-            f"{option('-o', 'folder')}, or {option('--overwrite', 'overwrite=True')} to replace it"
+            f"{folder}: has the trade-off of another configuration; choose another folder, or "
+            "replace it (--overwrite)"
         )
     return same
 

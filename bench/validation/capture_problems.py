@@ -54,7 +54,6 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import method
-from handbench.support.caller import called_from
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -112,8 +111,7 @@ class CheckedCapture:
         try:
             place = PlanarScan(np.zeros((1, 3)))
             capture = RadarCapture(samples, self.frequencies_hz, place, times_s=self.times_s)
-            with called_from("benchmark"):
-                require_tones(capture, config)
+            require_tones(capture, config)
         except HandbenchError as error:
             return str(error)
         return None

@@ -24,7 +24,6 @@ from handbench.radar.methods.advice import motion_notes
 from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
-from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
@@ -90,7 +89,7 @@ def warnings_of_capture(recorded: NativeCapture) -> Iterator[str]:
             f"{depth.method} images depths from {getattr(config, FIRST):g} m, but a surface is "
             f"{start_m:.2g} m away"
         )
-        yield f"{begun}: {settings({FIRST: float(f'{start_m:.2g}')})} finds it"
+        yield f"{begun}: {FIRST}={start_m:.2g} finds it"
         return
     # since the surface's distance may be the mistake
     further, _ = _depth_map(recorded, capture, FURTHER_M) or imaged

@@ -14,7 +14,6 @@ from importlib import import_module
 from importlib.metadata import version
 
 from handbench.cli.options import COMMANDS, add_options, declared_commands
-from handbench.support.caller import called_from
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import duration, say
 
@@ -35,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
     options = known.parse_args(arguments)
     try:
-        with called_from("command line"), _device(options):
+        with _device(options):
             start = time.monotonic()
             summary = import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()

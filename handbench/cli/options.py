@@ -9,7 +9,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 COMMANDS = Path(__file__).with_name("commands.toml")
@@ -109,8 +108,8 @@ def free(path: Path, overwrite: bool) -> None:
     """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
     if path.exists() and not overwrite:
         raise HandbenchError(
-            f"{path}: exists already; choose another {option('-o', 'folder')}, or "
-            f"{option('--overwrite', 'overwrite=True')} to replace it"
+            f"{path}: exists already; choose another place, or replace it (--overwrite, in Python "
+            "overwrite=True)"
         )
 
 
@@ -125,7 +124,7 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
     if not (path / written[0]).is_file():
         raise HandbenchError(
             f"{path}: has no {written[0]}, so this command did not make this folder and does not "
-            f"overwrite it; choose another {option('-o', 'folder')}"
+            "overwrite it; choose another folder"
         )
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
@@ -133,5 +132,5 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
         if kept and not any(fnmatchcase(name, pattern) for pattern in written):
             raise HandbenchError(
                 f"{path}: has a file {name} that this command did not write; move the file away, "
-                f"or choose another {option('-o', 'folder')}"
+                "or choose another folder"
             )

@@ -24,21 +24,6 @@ from handbench.support.limits import (
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 SMALLEST, LARGEST = 1e-30, 1e30  # of a number's size
-MEANINGS = {  # word of a name: other words for it
-    "1": "one single",
-    "2": "two dual",
-    "3": "three triple",
-    "fsk": "tone tones frequency frequencies",
-    "broadband": "backprojection mip sar wideband",
-    "sphere": "ball",
-    "plate": "board panel",
-    "dihedral": "corner reflector",
-    "mesh": "object ply obj stl",
-    "metal": "steel aluminium aluminum copper conductor",
-    "skin": "flesh tissue",
-    "plastic": "pla abs",
-}
-SYNONYMS = {other: word for word, others in MEANINGS.items() for other in others.split()}
 UNITS = {  # ending of a key: factor from another unit → what may be wrong
     "_hz": {1e9: "in gigahertz", 1e6: "in megahertz", 1e-3: "a thousand times too much"},
     "_m": {1e-3: "in millimetres"},
@@ -144,20 +129,11 @@ def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """Return a hint for an unknown name: "did you mean 'x'?", or a list of all known names.
-    x is the known name with the same meaning (FSK3 and three-tone mean 3fsk) or else with similar
-    letters; the list is returned if no name is similar."""
-    near = [other for other in known if _words(other) == _words(name)]
-    near += difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-    near += difflib.get_close_matches(name.casefold(), known, n=1, cutoff=0.6)
+    """Return a hint for an unknown name: "did you mean 'x'?" with the known name of similar
+    letters, or a list of all known names if none is similar."""
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = near or difflib.get_close_matches(name.casefold(), known, n=1, cutoff=0.5)
     return f"did you mean '{near[0]}'?" if near else f"known: {', '.join(sorted(known))}"
-
-
-def _words(name: str) -> set[str]:
-    """Return the words and numbers in a name, in lower case, with synonyms replaced by handbench's
-    own word."""
-    found = re.findall(r"[^\W\d_]+|\d+", name.casefold())
-    return {SYNONYMS.get(word, word) for word in found}
 
 
 def complaint(model: type[Config], problem: Any, prefix: tuple[int | str, ...] = ()) -> str:

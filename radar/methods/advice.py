@@ -3,7 +3,7 @@ and what limits the depths."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.methods.doppler import Repetition, shift_s
 from handbench.radar.methods.first_depth import ENOUGH, first_depth_m
 from handbench.radar.methods.fsk_config import AnyConfig, RefinedConfig, reach_hz
-from handbench.support.caller import settings
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
@@ -63,7 +62,22 @@ def require_tones(capture: RadarCapture, config: Config) -> None:
         other = {name: v for name, v in suited_to.items() if v != getattr(config, name)}
         if not other:
             raise
-        raise HandbenchError(f"{error}, e.g. {settings(other)}") from None
+        raise HandbenchError(f"{error}, e.g. {settings_text(other)}") from None
+
+
+def settings_text(values: Mapping[str, Any]) -> str:
+    """Return a method's settings (name → value) as text, such as f1_hz=82e9, f2_hz=81.9e9: in the
+    form of `--set`, of a table in a benchmark and of Python's arguments."""
+    return ", ".join(f"{name}={_value_text(value)}" for name, value in values.items())
+
+
+def _value_text(value: Any) -> str:
+    """Format a value; a float from 1e6 on is written in units of 1e9, such as 82e9."""
+    if isinstance(value, tuple):
+        return f"[{','.join(map(_value_text, value))}]"
+    if isinstance(value, float) and abs(value) >= 1e6:
+        return f"{value / 1e9:.10g}e9"
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
 def matching_settings(tones_hz: np.ndarray, known: Container[str]) -> dict[str, Any]:
@@ -127,7 +141,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
         if isinstance(axis := getattr(config, "z", None), Axis)
         else np.zeros(2)
     )
-    box_mm, set_box = 1e3 * np.ptp(ends_m), settings({"z.start_m": "…", "z.stop_m": "…"})
+    box_mm, set_box = 1e3 * np.ptp(ends_m), "z.start_m=… and z.stop_m=…"
     at_end = np.isclose(depth.z_m[..., None], ends_m, rtol=0, atol=1e-9).any(axis=-1).sum()
     wrapped = 0 if axis or depth.wrapped is None else np.count_nonzero(depth.wrapped & seen)
     if isinstance(config, AnyConfig) and config.first_depth_m != "auto":
@@ -142,7 +156,7 @@ def notes(depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
             yield (
                 f"{limit}, but the echoes come from {found_m:.2f} m, about "
                 f"{1e3 * abs(found_m - near_m):.0f} mm {way} these depths; use "
-                f"{settings({'first_depth_m': 'auto'})}"
+                "first_depth_m=auto"
             )
         elif found_m is None and wrapped > seen.sum() / 2:
             yield (

@@ -21,7 +21,6 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
-from handbench.support.caller import settings
 from handbench.support.errors import HandbenchError
 
 SAME = 1e-9  # relative difference of two frequencies that are one tone
@@ -59,7 +58,7 @@ class Repetition:
         """Find the first of a method's tones wanted_hz [f] that a capture has measured more than
         once. Raises HandbenchError if the capture has no times, or no such tone."""
         index, times_s = capture.tone_index(wanted_hz), capture.times_s
-        without = f"or use the method with {settings({'doppler': False})}"
+        without = "or use the method with doppler=False"
         if times_s is None:
             raise HandbenchError(
                 "times_s: are missing, but a velocity needs the time of every tone; add times_s "
