@@ -77,10 +77,10 @@ gpu: $(LINKS)
 	  -W default tests/radar/imaging tests/radar/methods
 	$(PYTHON) -m tests.radar.imaging.measure_gpu --device $(or $(DEVICE),cuda) -o runs/gpu
 
-# Broken and hostile inputs of all readers; SEED=N repeats those of an earlier run, INPUTS=N makes
-# more or fewer.
+# Broken files of all readers; SEED=N repeats those of an earlier run.
 fuzz: setup
-	$(BIN)/python -m tests.fuzz --inputs $(or $(INPUTS),20000) --seed $(or $(SEED),0) -o runs/fuzz
+	$(BIN)/python -m pytest tests/fuzz --hypothesis-profile fuzz \
+	  --hypothesis-seed $(or $(SEED),random)
 
 bench: setup
 	$(BIN)/python -m handbench.bench.studies.measure_engine -o runs/bench.json

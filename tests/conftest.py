@@ -1,9 +1,9 @@
 """Which examples property tests draw: HYPOTHESIS_PROFILE, or pytest's --hypothesis-profile, names
-one of two profiles.
+one of three profiles.
 
-`fixed` draws the same ones every time and everywhere; `random` fresh ones, and more. Neither keeps
-a database: nothing that lies on one machine changes what runs. A test says how many it draws
-through `tests.strategies.examples`.
+`fixed` draws the same ones every time and everywhere; `random` and `fuzz` fresh ones, three and a
+hundred times as many. None keeps a database: nothing that lies on one machine changes what runs. A
+test says how many it draws through `tests.strategies.examples`.
 """
 
 import os
@@ -18,12 +18,13 @@ __all__ = ["small_bench", "small_result"]  # fixtures of all tests
 settings.register_profile(
     "fixed", max_examples=EXAMPLES, derandomize=True, deadline=None, database=None
 )
-settings.register_profile(
-    "random",
-    max_examples=3 * EXAMPLES,
-    derandomize=False,
-    deadline=None,
-    database=None,
-    print_blob=True,
-)
+for profile, factor in (("random", 3), ("fuzz", 100)):
+    settings.register_profile(
+        profile,
+        max_examples=factor * EXAMPLES,
+        derandomize=False,
+        deadline=None,
+        database=None,
+        print_blob=True,
+    )
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))

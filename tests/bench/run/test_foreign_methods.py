@@ -139,7 +139,6 @@ def test_they_are_scored_beside_our_own(folder):
     assert table["given", "seconds"] == 0.25
 
 
-<<<<<<< HEAD
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -153,45 +152,3 @@ def test_entries_that_cannot_work_are_refused(folder, old, new):
     file.write_text(file.read_text().replace(old, new))
     with pytest.raises(HandbenchError):
         load_benchmark(str(file))
-=======
-GIVEN = 'maps = "maps"'
-REFUSED = {
-    "no folder": (GIVEN, 'maps = "mops"', "expected a folder with a depth map for each capture"),
-    "no map": (GIVEN, 'maps = "ball"', "ball has no depth map for 1 of 1 captures: ball"),
-    "our own": ('id = "given"', 'id = "3fsk"', "its id is that of a method of handbench"),
-    "both": (GIVEN, f'{GIVEN}\ncommand = "a {{capture}} {{depth}}"', "maps and a command"),
-    "a configuration": (GIVEN, f"{GIVEN}\nprecision = true", "is a method from outside handbench"),
-    "no place": (GIVEN, 'command = "mine {capture}"', "the command has no {depth}"),
-    "an open quote": (GIVEN, 'command = "m \'{capture} {depth}"', "quote it as for a shell"),
-    "no file's name": ('id = "given"', 'id = "../given"', "cannot be the name of a file"),
-}
-
-
-@pytest.mark.parametrize(("old", "new", "words"), REFUSED.values(), ids=REFUSED)
-def test_entries_that_cannot_work_are_refused_before_anything_runs(folder, capsys, old, new, words):
-    file = folder / "refused.toml"
-    file.write_text((folder / "bench.toml").read_text().replace(old, new))
-    assert main(["inspect", str(file)]) == 2
-    assert words in capsys.readouterr().out
-    if "no depth map" not in words:  # which a run says of each capture
-        with pytest.raises(HandbenchError) as error:
-            load_benchmark(str(file))
-        assert words in str(error.value)
-
-
-def test_the_page_s_method_finds_the_ball(small_bench, tmp_path, capsys):
-    """Its 2-FSK in NumPy, on fewer pixels, against the sphere itself: at the glint: 30 mm behind
-    the plane imaged, where the path's slope, taken as 2, is up to 3 % smaller before this array."""
-    code = blocks(DOCS / "own_data.md", "python")[-1]
-    old, fewer = "np.arange(-150, 151)", "np.arange(-20, 21, 4)"
-    assert old in code
-    (tmp_path / "page.py").write_text(code.replace(old, fewer))
-    ball = str(tmp_path / "ball")  # without noise
-    assert main(["simulate", str(small_bench.parent / "ball.toml"), "-o", ball]) == 0
-    capsys.readouterr()
-    command = foreign.words(f"{sys.executable} page.py {{capture}} {{depth}}", tmp_path)
-    x_m, made = np.arange(-20, 21, 4) * 1e-3, tmp_path / "stage"
-    made.mkdir()
-    foreign.run(made, command, ball, "page", x_m, x_m, (600.0, 0), {})
-    assert load_depthmap(made / DEPTH).z_m[5, 5] == pytest.approx(0.28, abs=1e-3)
->>>>>>> eeef08d4 (Former commands, the limit of addresses, keys without effect and the version 0.2 go; the version is 1.0.0)

@@ -5,13 +5,17 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.calibration.array.array_file import save_array, with_calibration
+from handbench.calibration.array.array_file import (
+    ArrayCalibration,
+    Side,
+    save_array,
+    with_calibration,
+)
 from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.data.recording import SPARSE
 from handbench.support.errors import HandbenchError
-from tests.fuzz.capture_seeds import array_calibration
 
 RNG = np.random.default_rng(7)
 T, R, TONES_HZ = 3, 4, np.linspace(72e9, 82e9, 5)
@@ -174,6 +178,32 @@ def test_thinning_keeps_what_was_measured():
         np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)
     )
     np.testing.assert_array_equal(thin_antennas(capture, 2).aperture.measured, MEASURED[::2, ::2])
+
+
+def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
+    """The calibration of an array whose antennas all have the same errors."""
+
+    def side(places_m: np.ndarray) -> Side:
+        n = len(places_m)
+        return Side(
+            nominal_m=places_m.tolist(),
+            gain=[(1.0, 0.1)] * n,
+            delay_m=[1e-4] * n,
+            offset_m=[(1e-5, 0, 0)] * n,
+            level_sigma=[0.01] * n,
+            phase_sigma_rad=[0.01] * n,
+            delay_sigma_m=[1e-5] * n,
+            offset_sigma_m=[(1e-5,) * 3] * n,
+        )
+
+    return ArrayCalibration(
+        source="target",
+        reference_hz=77e9,
+        tx=side(tx_m),
+        rx=side(rx_m),
+        residual_before_db=-10,
+        residual_after_db=-30,
+    )
 
 
 def test_the_array_s_calibration_lies_inside(tmp_path):
