@@ -95,3 +95,10 @@ sys.exit(", ".join(m for m in {["numpy", "pycolmap", *HEAVY]!r} if m in sys.modu
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+def test_an_output_that_is_full_is_one_line():
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "handbench", "list"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, env=_env())
+    assert done.returncode == 2 and done.stderr.startswith("handbench: ")

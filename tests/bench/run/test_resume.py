@@ -10,17 +10,14 @@ from pathlib import Path
 import pytest
 
 from tests.bench.run.faults import figures
-from tests.bench.run.photographed import with_photographs
-from tests.faults.processes import Runs
+from tests.bench.run.photographed import RUN, with_photographs
 from tests.installed_copy import copy_package
 
+ROOT = Path(__file__).parents[3]
 STAGES = (
     *("simulate", "inspect", "sparse", "dense", "mesh", "calibrate"),
     *("reconstruct", "repeat", "score"),
 )
-
-
-KILLED = ("simulate", "dense", "reconstruct", "score")  # all before the last are then kept
 
 
 def tasks(out: Path) -> dict[str, list[bool]]:
@@ -34,33 +31,24 @@ def tasks(out: Path) -> dict[str, list[bool]]:
 
 @pytest.mark.slow
 def test_a_run_killed_after_a_stage_goes_on_there(small_bench, tmp_path):
-    """One folder, killed after the first stage of some kinds in turn: no kill costs a stage that
-    was done. Each run, of one method, is a process of its own, forked from one that has imported
-    what it needs."""
+    """The killed run, the one that goes on and an undisturbed one are processes."""
     first, *_ = small_bench.read_text().partition('[[method]]\nid = "narrowband"')
     small_bench.write_text(first)
-    photographed = Runs(with_photographs(small_bench), tmp_path)
-    out, made = tmp_path / "out", set()
-    for last in KILLED:
-        assert photographed.run(out, last)[0] == 9
-        folders = {
-            path.name: path.stat().st_ino
-            for path in (out / "work").iterdir()
-            if path.name[0] != "."
-        }
-        assert made <= set(folders.items()) and any(name.startswith(f"{last}-") for name in folders)
-        made = set(folders.items())
-        assert not (out / "result.json").exists()
+    bench, out = with_photographs(small_bench), tmp_path / "out"
+
+    def exit_code(folder: Path, last: str) -> int:
+        words = [sys.executable, "-c", RUN, str(bench), str(folder), last]
+        return subprocess.run(words, cwd=ROOT, capture_output=True).returncode
+
+    assert exit_code(out, "dense") == 9
+    assert not (out / "result.json").exists()
     (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-    assert photographed.run(out)[0] == 0
+    assert exit_code(out, "never") == 0
+    assert exit_code(tmp_path / "whole", "never") == 0
     found = tasks(out)
     assert set(found) == set(STAGES)
-    assert all(found[stage][0] for stage in STAGES)  # done before it was killed
-    assert (
-        found["sparse"] == [True] * 2 and found["dense"] == [True] * 2
-    )  # of the target, then of the capture
-    assert photographed.run(tmp_path / "whole")[0] == 0
-    photographed.end()
+    assert all(found["simulate"]) and all(found["sparse"])
+    assert found["dense"] == [True, False]  # of the target, then of the capture
     assert figures(out) == figures(tmp_path / "whole")
 
 
