@@ -1,4 +1,4 @@
-"""Files and machines of others: marks, names, permissions, terminals."""
+"""Files, names and machines of others: what is right is read, and the rest is named."""
 
 import errno
 import io
@@ -14,33 +14,68 @@ import pytest
 from PIL import Image
 
 from handbench.cli.main import main
-from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.options import Distance
+from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.support.config import read_toml
+from handbench.radar.data.arrays import load_positions
+from handbench.support.config import checked_name, read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_json, write_text
+from handbench.support.files import inside, read_json, write_text
 from handbench.support.hdf5 import attribute
 
-MARK = b"\xef\xbb\xbf"
-COMPOSED = unicodedata.normalize("NFC", "münze.png")
-TAKEN_APART = unicodedata.normalize("NFD", "münze.png")
+CSV = "x_m,y_m,z_m\n0.5,0,0\n-0.5,0,0.25\n"
+OBJ = "v 0 0 0.5\nv 1 0 0.5\nv 0 1 0.5\nf 1 2 3\n"
+COMPOSED = unicodedata.normalize("NFC", "Prüfkörper")
+TAKEN_APART = unicodedata.normalize("NFD", COMPOSED)
 
 
-def test_a_byte_order_mark_changes_no_toml_and_no_json(tmp_path):
-    (tmp_path / "a.toml").write_bytes(MARK + b"a = 1\r\n")
-    (tmp_path / "a.json").write_bytes(MARK + b'{"a": 1}')
-    assert read_toml(tmp_path / "a.toml", "a table") == {"a": 1}
-    assert read_json(tmp_path / "a.json", "an object") == {"a": 1}
+def toml(path):
+    return read_toml(path, "a table")
+
+
+def json(path):
+    return read_json(path, "an object")
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "content"),
+    [
+        (toml, "a.toml", b"\xef\xbb\xbfa = 1\r\n"),
+        (json, "a.json", b'\xef\xbb\xbf{"a": 1}'),
+        (load_positions, "a.csv", f"\ufeff{CSV}".encode()),
+        (load_positions, "a.csv", CSV.replace(",", ", ").encode()),
+        (load_positions, "a.csv", CSV.replace("\n", "\r").encode()),
+        (read_triangles, "a.obj", OBJ.replace("\n", "\r").encode()),
+    ],
+)
+def test_marks_and_ends_of_lines_change_nothing(tmp_path, read, name, content):
+    (tmp_path / name).write_bytes(content)
+    found = read(tmp_path / name)
+    assert len(found[0] if isinstance(found, tuple) else found) in (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "content", "words"),
+    [
+        (load_positions, "a.csv", CSV.replace(",", ";").encode(), "separated by commas"),
+        (load_positions, "a.csv", CSV.encode("utf-16"), "UTF-16"),
+        (read_triangles, "a.obj", OBJ.encode("utf-16"), "UTF-16"),
+        (toml, "a.toml", b"a = 1\nb = 0,3\n", "'b = 0,3'"),
+        (toml, "a.toml", b"a = 1\nb = '\xfc'", "line 2 is not UTF-8"),
+        (json, "a.json", b'{"a": 1,\n"b": 0,3}', '"b": 0,3}'),
+    ],
+)
+def test_the_place_of_a_fault_in_a_text_is_shown(tmp_path, read, name, content, words):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(HandbenchError) as caught:
+        read(tmp_path / name)
+    assert words in str(caught.value) and name in str(caught.value)
 
 
 @pytest.mark.parametrize("value", [3, np.bytes_(b"text")])
 def test_an_attribute_in_an_array_of_one_is_that_attribute(tmp_path, value):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.attrs["plain"], file.attrs["list"] = value, [value]
-        file.attrs["two"] = [1, 2]
         assert attribute(file, "plain") == attribute(file, "list")
-        assert attribute(file, "two") is None
 
 
 def photographs(folder: Path, names: list[str]) -> Path:
@@ -51,30 +86,26 @@ def photographs(folder: Path, names: list[str]) -> Path:
     return folder
 
 
-def test_names_are_compared_in_one_form(tmp_path):
-    photos = find_photos(photographs(tmp_path / "p", [TAKEN_APART, "b.png", "c.png"]))
-    camera = Camera(name=TAKEN_APART, width=30, height=20, params=(30, 30, 15, 10, 0, 0, 0, 0))
-    distance = Distance(first=TAKEN_APART, second="b.png", distance_m=1)
-    assert photos[-1].name == camera.name == distance.first == COMPOSED
-    assert photos[-1].path.is_file()
-
-
-def test_a_name_that_is_not_utf_8_has_a_readable_form(tmp_path):
-    photos = find_photos(photographs(tmp_path / "p", ["m\udcfcller.png", "b.png", "c.png"]))
-    assert [photo.name for photo in photos] == ["b.png", "c.png", "m%FCller.png"]
-    assert one_form("a b.png") == "a b.png"
-
-
-def test_two_photographs_of_one_name_are_refused(tmp_path):
-    folder = photographs(tmp_path / "p", [TAKEN_APART, COMPOSED, "c.png"])
+def test_names_of_photographs_have_one_readable_form(tmp_path, capsys):
+    names = [f"{TAKEN_APART}.png", "m\udcfcller.png", "b.png", "d.webp", "f.dng"]
+    photos = find_photos(photographs(tmp_path / "p", names))
+    assert [photo.name for photo in photos] == [f"{COMPOSED}.png", "b.png", "m%FCller.png"]
+    assert all(photo.path.is_file() for photo in photos)
+    assert "d.webp and 1 more: left out" in capsys.readouterr().err
+    folder = photographs(tmp_path / "twice", [f"{TAKEN_APART}.png", f"{COMPOSED}.png", "c.png"])
     with pytest.raises(HandbenchError, match="two photographs are called"):
         find_photos(folder)
 
 
-def test_pictures_that_are_not_read_are_named(tmp_path, capsys):
-    folder = photographs(tmp_path / "p", ["a.png", "b.png", "c.png", "d.webp", "e.bmp", "f.dng"])
-    assert len(find_photos(folder)) == 3
-    assert "d.webp and 2 more: left out, because it is not JPEG" in capsys.readouterr().err
+@pytest.mark.parametrize("stored", [COMPOSED, TAKEN_APART])
+def test_a_file_is_found_by_either_form_of_its_name(stored, tmp_path):
+    (tmp_path / stored).touch()
+    for asked in (COMPOSED, TAKEN_APART):
+        assert inside(tmp_path, asked, "maps") == (tmp_path / stored).resolve()
+        assert checked_name(asked) == COMPOSED
+    for name in (f"../{stored}", "a/" * 600):
+        with pytest.raises(HandbenchError, match="maps: "):
+            inside(tmp_path, name, "maps")
 
 
 def test_a_file_system_without_permissions_takes_files(tmp_path, monkeypatch):
@@ -94,13 +125,11 @@ def test_a_latin_1_terminal_shows_help(monkeypatch):
 
 
 def test_no_folder_for_temporary_files_is_one_line(tmp_path, monkeypatch, capsys):
-    photographs(tmp_path / "p", ["a.png", "b.png", "c.png"])
-
     def missing(*_, **__):
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
 
+    photos = photographs(tmp_path / "p", ["a.png", "b.png", "c.png"])
     monkeypatch.setattr(tempfile, "mkdtemp", missing)
     monkeypatch.setattr(tempfile, "gettempdir", missing)
-    given = ["groundtruth", str(tmp_path / "p"), "-o", str(tmp_path / "m.ply"), "--unscaled"]
-    assert main(given) == 2
-    assert capsys.readouterr().err.splitlines()[-1].endswith("set TMPDIR to a writable folder")
+    assert main(["groundtruth", str(photos), "-o", str(tmp_path / "m.ply"), "--unscaled"]) == 2
+    assert "set TMPDIR" in capsys.readouterr().err.splitlines()[-1]
