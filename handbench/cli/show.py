@@ -6,7 +6,7 @@ import argparse
 import hashlib
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,13 +31,6 @@ MESHES = (".ply", ".obj", ".stl")
 SHA_DIGITS, NAME_LETTERS = 12, 30  # of a file, in a drawing's title
 VIEWED_PX = 320  # of a mesh, along its longest side
 RANGES, MOST_CHANNELS, FEWEST_TONES, FARTHEST_M = 2000, 256, 8, 1.5  # of a range profile
-# of a mesh: axes to the left, up and away from the eye, the last one's sign, the names of the first
-# two
-TURNS = {
-    "from the {sensor}": ([0, 1, 2], 1, ("x in mm", "y in mm")),
-    "from above": ([0, 2, 1], -1, ("x in mm", "z in mm")),
-    "from the left": ([2, 1, 0], -1, ("z in mm", "y in mm")),
-}
 
 
 def run(options: argparse.Namespace) -> None:
@@ -148,36 +141,25 @@ def _mesh(path: Path) -> Figure:
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.reports.figures.layers import SIGMAS, Layer, layers_figure, shaded_colours
 
-    layers: list[Layer] = []
-    sigma_layers: list[Layer] = []
     mesh = read_surface(path)
     frame, sensor, signs = _seen_from(mesh)
-    for title, (axes, away, names) in TURNS.items():
-        across, up, depth = signs[axes] * [1, 1, away]
-        turned = replace(mesh, vertices_m=mesh.vertices_m[:, axes] * [across, up, depth])
-        x_m, y_m = _pixels(turned.vertices_m)
-        seen = reference_on_grid(turned, x_m, y_m)
-        whole = reference_on_grid(
-            replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m
-        )
-        picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
-        places_mm = 1e3 * across * x_m, 1e3 * up * y_m
-        layers.append(Layer(title.format(sensor=sensor), *places_mm, picture, axes=names))
-        if np.isfinite(seen.mesh_sigma_m).any() and not sigma_layers:  # as in the first view
-            sigmas: dict[str, Any] = {
-                "values": 1e3 * seen.mesh_sigma_m,
-                "label": "σ along z in mm",
-            } | SIGMAS
-            sigma_layers = [replace(layers[0], title="its own uncertainty", **sigmas)]
+    turned = replace(mesh, vertices_m=mesh.vertices_m * signs)
+    x_m, y_m = _pixels(turned.vertices_m)
+    seen = reference_on_grid(turned, x_m, y_m)
+    whole = reference_on_grid(replace(turned, observed=np.ones(len(mesh.observed), bool)), x_m, y_m)
+    picture = shaded_colours(SurfaceMap(x_m, y_m, whole.z_m), np.isfinite(seen.z_m))
+    layers = [Layer(f"from the {sensor}", 1e3 * signs[0] * x_m, 1e3 * signs[1] * y_m, picture)]
+    if np.isfinite(sigma_m := seen.mesh_sigma_m).any():
+        uncertainty = SIGMAS | {"title": "its own uncertainty", "label": "σ along z in mm"}
+        layers.append(replace(layers[0], values=1e3 * sigma_m, **uncertainty))
     invented = (
         f", {100 * (1 - mesh.observed.mean()):.0f} % of its vertices filled in where no "
         "photograph saw the surface"
         if not mesh.observed.all()
         else ""
     )
-    return layers_figure(
-        layers + sigma_layers, f"{path.name}, {frame} frame: {len(mesh.faces)} triangles{invented}"
-    )
+    title = f"{path.name}, {frame} frame: {len(mesh.faces)} triangles{invented}"
+    return layers_figure(layers, title)
 
 
 def _seen_from(mesh: Surface) -> tuple[str, str, np.ndarray]:

@@ -62,8 +62,8 @@ class Layer:
     spaced pixel centres x_mm [nx], y_mm [ny].
 
     For values: colours is the name of a colour map, norm the colour scale, label the label of the
-    colour bar ("": no colour bar) and ticks its numbers. axes: labels of the two axes; outline [ny,
-    nx]: True for the pixels around which a line is drawn; box: the visible part (None: all).
+    colour bar ("": no colour bar) and ticks its numbers. outline [ny, nx]: True for the
+    pixels around which a line is drawn; box: the visible part (None: all).
     """
 
     title: str
@@ -73,7 +73,6 @@ class Layer:
     colours: str = ""
     norm: Normalize | None = None
     label: str = ""
-    axes: tuple[str, str] = ("x in mm", "y in mm")
     outline: np.ndarray | None = None
     box: Box | None = None
     ticks: tuple[float, ...] = ()
@@ -134,11 +133,7 @@ def layers_figure(layers: Sequence[Layer], title: str) -> Figure:
             axis = figure.add_axes((x / width, y / height, wide / width, high / height))
             layer.draw(axis)
             axis.set(
-                xlabel=layer.axes[0],
-                ylabel=layer.axes[1],
-                title=layer.title,
-                xlim=box[:2],
-                ylim=box[2:],
+                xlabel="x in mm", ylabel="y in mm", title=layer.title, xlim=box[:2], ylim=box[2:]
             )
             axis.xaxis.set_major_locator(MaxNLocator(2 if wide < 1.6 else 4))
             if layer.label:
