@@ -169,7 +169,6 @@ def test_a_bound_of_the_images_error_is_printed(made, tmp_path, capsys):
         (OSError(28, "No space left on device"), 2, "No space left on device"),
         (KeyboardInterrupt(), 130, "handbench: interrupted"),
         (MemoryError("7 GB"), 2, "out of memory (7 GB)"),
-        (FileNotFoundError(2, "No such file or directory", "a.ply"), 2, "a.ply: No such file"),
     ],
 )
 def test_a_full_disk_and_an_interrupt_are_one_line_and_leave_nothing(

@@ -106,7 +106,7 @@ def test_every_problem_of_a_benchmark(tmp_path):
     same(
         found_in(base / "b.toml"),
         ("b.toml:3", "'sead'.*'seed'"),
-        ("b.toml:7", "'ball' in again"),
+        ("b.toml:6", "'ball' in again"),
         ("b.toml:9", r"'\.\./a'"),
         ("b.toml:11", "missing"),
         ("scene.toml:6", "'target.radius_m'"),
