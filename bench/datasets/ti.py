@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, model_validator
-from scipy.signal import hilbert
 
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, load_positions
 from handbench.radar.data.recording import Recording
 from handbench.radar.methods.advice import default_config
-from handbench.support.caller import option
 from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
@@ -97,6 +94,8 @@ def import_ti_raw(
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings or {})
     if profile.real:
+        from scipy.signal import hilbert  # half a second
+
         beat = hilbert(beat, axis=-1)  # of a real mixer's two signs, that of complex sampling
     transmitters = np.unique(profile.transmitters)
     # The phase of I + jQ grows with the path, by 2πfτ at the chirp's frequency f (SPYY005, "The
@@ -201,6 +200,8 @@ def antennas(
     if any((source / f"{name}.csv").exists() for name in used):
         tables = {name: load_positions(source / f"{name}.csv") for name in used}
     elif profile.board is not None:
+        import pandas as pd  # half a second
+
         board = pd.read_csv(BOARDS).query("board == @profile.board")
         half_wave_m = SPEED_OF_LIGHT_M_S / profile.tones_hz()[[0, -1]].sum()
         places_m = board[["x", "y", "z"]].mul(board["unit_m"].fillna(half_wave_m), axis=0)
@@ -211,7 +212,7 @@ def antennas(
     else:
         raise HandbenchError(
             f"{source}: nothing gives the positions of the antennas; add tx_m.csv and rx_m.csv "
-            f"(x_m,y_m,z_m), or {option('--set board=IWR6843ISK', 'board')}"
+            "(x_m,y_m,z_m), or --set board=IWR6843ISK"
         )
     for name, index in used.items():
         if index.max() >= len(tables[name]):

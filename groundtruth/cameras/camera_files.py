@@ -21,7 +21,6 @@ from handbench.groundtruth.cameras.cameras import (
 )
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.photos.photos import FEWEST, QUARTER_TURNS, Photo, sides_swapped
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, read_bytes, read_text, require_folder, require_size
 from handbench.support.limits import MODEL_BYTES
@@ -49,7 +48,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
         if not metric:
             say(
                 f"{path}: COLMAP's camera poses have no unit, so only the intrinsics are used; if "
-                f"the poses are in metres, give {option('--metric', 'metric=True')}"
+                "the poses are in metres, give --metric"
             )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:

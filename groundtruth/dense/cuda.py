@@ -33,10 +33,10 @@ from handbench.groundtruth.dense.first_guess import planes_through
 from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
 from handbench.groundtruth.dense.views import Stereo, View
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say, track
 
+INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, uses the processor instead"
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree:
 # COLMAP's lowest, its default.
 SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
@@ -46,11 +46,6 @@ options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
 pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
 TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failure
-
-
-def _instead() -> str:
-    cpu = option("--dense cpu", 'dense="cpu"')
-    return f"{cpu}, or an empty CUDA_VISIBLE_DEVICES, uses the processor instead"
 
 
 def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
@@ -131,7 +126,7 @@ def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
         raise HandbenchError(
             f"{file.parent.name}/{file.name}: is missing or has {len(content)} bytes that are not "
             f"{channels} channels of {w} × {h} pixels, because COLMAP did not finish; free memory "
-            f"and disk space, or use the processor: {_instead()}"
+            f"and disk space, or use the processor: {INSTEAD}"
         )
     return np.moveaxis(
         np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1
@@ -159,7 +154,7 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         ]
         reason = messages[-1] if messages else f"exit code {done.returncode}"
         raise HandbenchError(
-            f"COLMAP's stereo search failed on the CUDA device ({reason}); {_instead()}"
+            f"COLMAP's stereo search failed on the CUDA device ({reason}); {INSTEAD}"
         )
 
 

@@ -13,11 +13,12 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
-from handbench.support.caller import option
 from handbench.support.compiled import njit
 from handbench.support.cost import require_free
 from handbench.support.parallel import for_each
 
+# advice on depth maps that do not fit into memory
+LESS = "choose a lower --quality, or fewer or smaller photographs"
 WINDOW_RADIUS = 4
 LARGEST_COST = 127
 LINES = 32  # that one thread smooths along
@@ -36,11 +37,6 @@ PATHS: tuple[tuple[int, int], ...] = (
 )
 
 
-def less() -> str:
-    """Return advice, for error messages, on depth maps that do not fit into memory."""
-    return f"choose a lower {option('--quality')}, or fewer or smaller photographs"
-
-
 def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     """Compute a disparity map [h, w] float32 by plane sweep and semi-global smoothing.
 
@@ -49,7 +45,7 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     pixels and planes do not fit into memory.
     """
     h, w = stereo.reference.shape
-    require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", less())
+    require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
     tone = stereo.reference.mean()  # sums about it do not cancel in single precision
     stereo = stereo._replace(reference=stereo.reference - tone, sources=stereo.sources - tone)

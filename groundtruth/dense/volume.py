@@ -16,7 +16,6 @@ from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.support.caller import option
 from handbench.support.progress import say
 
 # of a board's extent: one whose corners lie farther from their plane has several planes
@@ -261,5 +260,5 @@ def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
         say(
             f"volume: {shares[side, axis]:.1%} of the points are at the side {'xyz'[axis]} = "
             f"{box_m[side, axis]:.3f} m of the box, so it may cut the surface; give a larger "
-            f"{option('--box', 'box_m')}"
+            "--box"
         )

@@ -6,7 +6,6 @@ import numpy as np
 
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh
@@ -93,6 +92,6 @@ def keep_target(mesh: TriangleMesh, plane: Plane | None, least_m: float) -> Targ
 def _nothing_off(height_m: float) -> HandbenchError:
     return HandbenchError(
         f"target: nothing rises more than {1e3 * height_m:.1f} mm above the board's plane; "
-        f"expected a target before or on the board; check {option('--box', 'box_m')} and the "
+        "expected a target before or on the board; check --box and the "
         "photographs"
     )

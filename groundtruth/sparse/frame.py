@@ -11,7 +11,6 @@ from handbench.calibration.transforms import MAJORITY, triples, umeyama
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 
 TRIM = 4.0  # points beyond this many times the median residual are left out of the fit
@@ -116,7 +115,7 @@ def trimmed_similarity(
         raise HandbenchError(
             f"scale: has only {len(source)} {what}; expected at least three that are not on a "
             "line; add photographs that show the board, or give "
-            f"{option('--unscaled', 'unscaled=True')}"
+            "--unscaled"
         )
     matrix, kept, residuals_m = _agreeing(source, target_m)
     far_m = LARGEST_MISFIT * np.ptp(target_m, axis=0).max()

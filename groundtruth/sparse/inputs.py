@@ -19,7 +19,6 @@ from handbench.groundtruth.options import Options, SparseOptions
 from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
 from handbench.groundtruth.sparse.frame import require_near
-from handbench.support.caller import option
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
 from handbench.support.progress import track
@@ -142,9 +141,9 @@ def gather(folder: Path, options: Chosen) -> tuple[SparseInputs, Chosen]:
     if not (options.board or posed >= 3 or metric or options.unscaled):
         raise HandbenchError(
             f"{folder}: nothing gives the scale, neither a board.toml nor camera poses (R, t in "
-            f"cameras.json); add {option('--board')} or {option('--cameras')} "
-            f"({option('--metric', 'metric=True')}, if a COLMAP model is in metres), or give "
-            f"{option('--unscaled', 'unscaled=True')} for a mesh of arbitrary size"
+            "cameras.json); add --board or --cameras "
+            "(--metric, if a COLMAP model is in metres), or give "
+            "--unscaled for a mesh of arbitrary size"
         )
     require_near(cameras or ())
     corners: dict[str, Corners] = {}
@@ -177,13 +176,13 @@ def _require_consistent(photos: tuple[Photo, ...], options: SparseOptions) -> No
     )
     if options.metric and not posed_by_colmap:
         raise HandbenchError(
-            f"{option('--metric')}: is only for a COLMAP model, which is not given; give one with "
-            f"{option('--model')} or {option('--cameras')}, or leave this option out"
+            "--metric: is only for a COLMAP model, which is not given; give one with "
+            "--model or --cameras, or leave this option out"
         )
     sizes = sorted({(photo.width, photo.height) for photo in photos})
     if options.intrinsics is not None and len(sizes) > 1:
         listed = ", ".join(f"{width} × {height}" for width, height in sizes)
         raise HandbenchError(
             f"intrinsics: the photographs have different sizes ({listed}), so they cannot have "
-            f"the same intrinsics; give {option('--cameras')} with a camera for each"
+            "the same intrinsics; give --cameras with a camera for each"
         )

@@ -56,8 +56,7 @@ def test_limits_of_the_box_are_reported(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("first_m", "words"),
-    [(0.45, "mm in front of"), (0.16, "mm behind"), (0.3, "")],
+    ("first_m", "words"), [(0.45, "mm in front of"), (0.16, "mm behind"), (0.3, "")]
 )
 def test_a_target_a_period_away_is_reported_where_closer_tones_tell(
     first_m, words, tmp_path, capsys

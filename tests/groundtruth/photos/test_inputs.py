@@ -37,8 +37,8 @@ K = (440, 440, 200, 150)
     [
         ({"model": "m", "intrinsics": K}, "model, intrinsics: both are given, but"),
         ({"metric": True}, "metric: is only for a COLMAP model"),
-        ({}, r"nothing gives the scale.*unscaled=True"),
-        ({"model": "m"}, "nothing gives the scale.*metric=True"),
+        ({}, r"nothing gives the scale.*--unscaled"),
+        ({"model": "m"}, "nothing gives the scale.*--metric"),
         ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
         ({"unscaled": True, "box_m": (0, 0, 1, 1, 1, 0)}, "box_m"),
         ({"unscaled": True, "intrinsics": K}, r"different sizes \(320 × 240, 400 × 300\)"),
