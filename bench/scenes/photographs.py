@@ -11,6 +11,7 @@ from handbench.bench.scenes.light import bake
 from handbench.bench.scenes.scene_file import Photos
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.simulation.known_effects import Choice
+from handbench.support.errors import HandbenchError
 from handbench.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
@@ -67,7 +68,7 @@ class Studio:
     def expose(self, camera: Camera) -> np.ndarray:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
         white, without blur and noise. Pixels at edges are means of several rays."""
-        directions = camera.ray_directions()
+        directions = ray_directions(camera)
         radiance = np.empty(directions.shape, dtype=np.float32)
         distance_m, label = (
             np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32)
@@ -131,6 +132,22 @@ class Studio:
             for v in offsets:
                 total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
         return total / EDGE_SAMPLES**2
+
+
+def ray_directions(camera: Camera) -> np.ndarray:
+    """Compute the viewing directions of all pixels of a camera: unit vectors [height, width, 3] in
+    the world frame, through the pixels' centres. Raises HandbenchError if COLMAP cannot undo the
+    distortion of the lens everywhere."""
+    v, u = np.mgrid[: camera.height, : camera.width] + 0.5
+    xy = np.asarray(camera.colmap().cam_from_img(np.stack([u, v], axis=-1).reshape(-1, 2)))
+    if not np.isfinite(xy).all():
+        raise HandbenchError(
+            f"camera {camera.name}: COLMAP cannot undo the distortion in the corners of the "
+            "picture; check the parameters of its lens, or crop the pictures"
+        )
+    rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return rays.reshape(camera.height, camera.width, 3)
 
 
 def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,14 +8,11 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from pydantic import Field, field_validator
 
 from handbench.support.config import Config, FileName, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
-
-NODES = 24  # Chebyshev nodes along a side of a picture, for the interpolation of lens distortion
 
 
 def load_pycolmap() -> ModuleType:
@@ -118,39 +115,6 @@ class Camera(Config):
         return np.asarray(
             self.colmap().img_from_cam(points_m @ self.rotation.T + self.translation_m)
         )
-
-    def ray_directions(self) -> np.ndarray:
-        """Compute the viewing directions of all pixels of the picture.
-
-        Returns unit vectors [height, width, 3] in the world frame, through the pixels' centres,
-        corrected for lens distortion. COLMAP removes the distortion at NODES × NODES positions, and
-        polynomials interpolate between them. Raises HandbenchError if COLMAP cannot remove it
-        everywhere.
-        """
-        (u, to_columns), (v, to_rows) = _chebyshev(self.width), _chebyshev(self.height)
-        pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-        xy = np.asarray(self.colmap().cam_from_img(pixels))
-        if not np.isfinite(xy).all():
-            raise HandbenchError(
-                f"camera {self.name}: COLMAP cannot undo the distortion in the corners of the "
-                "picture; check the parameters of its lens, or crop the pictures"
-            )
-        at_nodes = np.column_stack([xy, np.ones(len(xy))]) @ self.rotation
-        at_nodes /= np.linalg.norm(at_nodes, axis=1, keepdims=True)
-        rays = np.empty((self.height, self.width, 3))
-        for axis in range(3):
-            rays[..., axis] = to_rows @ at_nodes[:, axis].reshape(NODES, NODES) @ to_columns.T
-        rays /= np.sqrt(np.einsum("ijk,ijk->ij", rays, rays))[..., None]
-        return rays
-
-
-def _chebyshev(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return NODES Chebyshev positions from 0 to `count`, pixels, and the matrix [count, NODES]
-    that interpolates values there to the pixels' centres."""
-    nodes, degree = chebyshev.chebpts1(NODES), NODES - 1
-    centres = (2 * np.arange(count) + 1) / count - 1
-    from_values = np.linalg.inv(chebyshev.chebvander(nodes, degree))
-    return (nodes + 1) / 2 * count, chebyshev.chebvander(centres, degree) @ from_values
 
 
 class CameraFile(Config):

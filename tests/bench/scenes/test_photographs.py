@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.scenes.photographs import Studio, photo_effects
+from handbench.bench.scenes.photographs import Studio, photo_effects, ray_directions
 from handbench.bench.scenes.scene_file import Photos, SceneFile
 from handbench.support.config import parse
 
@@ -52,11 +52,23 @@ def test_markers_are_where_the_true_camera_projects_them(scene: Scene, studio: S
     assert np.abs(np.median(error, axis=(0, 1))).max() < 0.05
 
 
+def test_rays_undo_the_projection(scene: Scene) -> None:
+    """COLMAP's iteration stops at 1e-8 px."""
+    lens = (300.0, 310.0, 61.0, 39.0, -0.25, 0.09, 1e-3, -1e-3)
+    changes = {"width": 120, "height": 80, "model": "OPENCV", "params": lens}
+    camera = scene.cameras[0].model_copy(update=changes)
+    rays = ray_directions(camera).reshape(-1, 3)
+    v, u = np.mgrid[:80, :120].reshape(2, -1) + 0.5
+    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
+    seen = camera.project(camera.centre_m + 0.7 * rays)
+    np.testing.assert_allclose(seen, np.stack([u, v], axis=1), atol=1e-6)
+
+
 def test_spheres_are_where_the_true_camera_projects_them(studio: Studio, scene: Scene) -> None:
     camera = scene.cameras[1]
     centres_m = scene.radar_from_photo.inverse().points(scene.balls_m)
     column, row = np.floor(camera.project(centres_m)).astype(int).T
-    _, depth, label = studio.shoot(camera.centre_m, camera.ray_directions())
+    _, depth, label = studio.shoot(camera.centre_m, ray_directions(camera))
     assert not label[row, column].any()
     radii_m = [element.sphere_radius_m for element in scene.target.element]
     expected_m = np.linalg.norm(centres_m - camera.centre_m, axis=1) - radii_m

@@ -38,39 +38,6 @@ def test_projects_as_opencv_does_half_a_pixel_apart(camera):
     np.testing.assert_allclose(camera.project(points_m), expected.reshape(-1, 2) + 0.5, atol=1e-9)
 
 
-WIDE = {"model": "OPENCV_FISHEYE", "params": (130.0, 130.0, 160.0, 120.0, 0.0, 0.0, 0.0, 0.0)}
-
-
-@pytest.mark.parametrize(
-    ("changes", "tolerance_px"),
-    # COLMAP's iteration stops at 1e-8 px; polynomials of degree 23 leave more of strong distortion
-    [
-        ({}, 1e-6),
-        ({"width": 25, "height": 7}, 1e-6),
-        ({"width": 1, "height": 1}, 1e-6),
-        ({"distortion": (-0.25, 0.09, 1e-3, -1e-3)}, 1e-6),
-        ({"model": "FULL_OPENCV", "distortion": (-0.2, 0.05, 1e-3, 1e-3, 0.01, 0, 0, 0)}, 1e-5),
-        (WIDE, 1e-6),
-    ],
-)
-def test_rays_undo_the_projection(camera, changes, tolerance_px):
-    kept = {name: value for name, value in changes.items() if name != "distortion"}
-    distortion = changes.get("distortion", camera.params[4:])
-    camera = camera.model_copy(update={"params": (*camera.params[:4], *distortion)} | kept)
-    rays = camera.ray_directions().reshape(-1, 3)
-    v, u = np.mgrid[: camera.height, : camera.width].reshape(2, -1) + 0.5
-    np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
-    np.testing.assert_allclose(
-        camera.project(camera.centre_m + 0.7 * rays), np.stack([u, v], axis=1), atol=tolerance_px
-    )
-
-
-def test_a_lens_that_cannot_be_undone_is_named(camera):
-    lens = {"model": "SIMPLE_RADIAL", "params": (200.0, 160.0, 120.0, -0.3)}
-    with pytest.raises(HandbenchError, match="cannot undo the distortion in the corners"):
-        camera.model_copy(update=lens).ray_directions()
-
-
 ONE = {"name": "a", "width": 1, "height": 1, "params": [1.0]}
 MIRROR = np.diag([1, 1, -1]).tolist()
 
