@@ -1,4 +1,4 @@
-"""Comparisons: known differences, the sentence and what stands out. False ones and Holm's
+"""Comparisons: known differences and what stands out. False ones and Holm's
 correction: tests/hard_cases."""
 
 from __future__ import annotations
@@ -13,27 +13,19 @@ from handbench.bench.evaluation.paired import compare, f_test, welch_test
 from handbench.bench.results.result_folder import best, shown
 from handbench.support.errors import HandbenchError
 
-TITLES = {"2fsk": "2-FSK", "3fsk": "3-FSK"}
-
 
 def speckle(seed: int, captures: int = 6) -> np.ndarray:
     return 1 + 0.1 * np.random.default_rng(seed).normal(size=captures)
 
 
-@pytest.mark.parametrize(
-    ("shift_mm", "first", "sentence"),
-    [
-        (0, ("2fsk", "3fsk"), "no difference shown between 2-FSK and 3-FSK in MAE: 0.000 mm"),
-        (1, ("3fsk",), "3-FSK is better than 2-FSK by 1.0 mm [1.0, 1.0] (MAE)"),
-    ],
-)
-def test_a_constant_shift_is_known_exactly(shift_mm, first, sentence):
+@pytest.mark.parametrize(("shift_mm", "first"), [(0, ("2fsk", "3fsk")), (1, ("3fsk",))])
+def test_a_constant_shift_is_known_exactly(shift_mm, first):
     """What both methods share cancels, so nothing is left to doubt (float64: 1e-9 mm)."""
-    lines = compare({"2fsk": speckle(0) + shift_mm, "3fsk": speckle(0)}, "truth", titles=TITLES)
+    lines = compare({"2fsk": speckle(0) + shift_mm, "3fsk": speckle(0)}, "truth")
     [line] = lines.itertuples()
     assert (line.p_corrected < 1e-12) == bool(shift_mm) and line.n_captures == 6
     assert (line.difference, line.low, line.high) == pytest.approx([shift_mm] * 3, abs=1e-9)
-    assert line.sentence.startswith(sentence) and best(lines, "mae_mm", "truth") == first
+    assert best(lines, "mae_mm", "truth") == first
 
 
 def test_six_captures_have_students_paired_test():
@@ -65,16 +57,13 @@ def test_more_of_a_share_is_better():
     [line] = compare(shares, "truth", "observed_percent").itertuples()
     assert (line.better, line.worse, line.unit) == ("whole", "holed", "%")
     assert line.difference == pytest.approx(5 * speckle(0).mean()) and line.low > 0
-    assert "whole is better than holed by 5.0 percentage points" in line.sentence
 
 
-def test_what_cannot_be_tested_says_so():
+def test_what_cannot_be_tested_is_not():
     """Four captures: a difference on these, no interval, no p, and no method stands out."""
     four = speckle(0, 4)
     lines = compare({"a": four, "b": four + 0.5, "c": np.full(4, np.nan)}, "truth")
     assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None)
-    expected = "a is ahead of b by 0.50 mm (MAE) on 4 captures: too few captures for a test"
-    assert lines.sentence[0] == expected
     assert not shown(lines).any() and best(lines, "mae_mm", "truth") == ()
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty
 

@@ -246,20 +246,6 @@ def test_the_best_method_the_registration_and_a_film_are_shown(folder, tmp_path)
         assert pictures.n_frames == 3 and pictures.size == (film.width, film.height)
 
 
-def test_the_order_of_the_paper_is_stated_in_words(result_folder):
-    """Of the paper's errors 1.7 mm of 3-FSK and 1.0 mm of broadband are the nearest."""
-    result = results.load(result_folder)
-    same = "By MAE, the methods are in the order of the paper."
-    assert dict(summary.leads(result))["Paper"] == same
-    table = result.table
-    table.loc[(table.metric == "mae_mm") & (table.method == "3fsk"), "value"] = 0.1
-    stated = dict(summary.leads(result))["Paper"]
-    assert (
-        "but for 3-FSK before Broadband (here 0.10 and " in stated and stated.count("before") == 1
-    )
-    assert "in the paper 1.7 and 1.0 mm)" in stated
-
-
 @pytest.mark.parametrize(
     ("config", "text"),
     [
