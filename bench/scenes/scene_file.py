@@ -219,7 +219,7 @@ class Sensor(SensorFaults):
 
 
 class Photos(Config):
-    """The photographs to simulate: cameras, pictures, sensor, lens, and imperfections."""
+    """The photographs to simulate: cameras, pictures, sensor and blur."""
 
     cameras: int = Field(default=8, ge=2, le=100)
     width: int = Field(default=2400, ge=64, le=12_000)
