@@ -54,14 +54,12 @@ def own_table(result: Result) -> str:
             more = f" ± {number(spread.value, 1)}" if spread and is_known(spread.value) else ""
             cells.append(_cell(result.row(metric, method, REFERENCE)) + more)
         lines.append((f"{result.title(metric)} ({result.about.metrics[metric].unit})", *cells))
-    machine = result.about.machine
-    device = machine["imaging_device"]
-    return table(_headings(result), lines) + (
+    caption = (
         "\nAgainst photogrammetry; each figure is formed for each pose and averaged. In italics "
         "the paper's figure; ± the deviation between frames; in brackets a 95 % interval. "
-        f"{machine['cores']} cores of an {escaped(str(machine['processor']))}, "
-        f"{'no GPU' if device == 'cpu' else escaped(f'imaged on {device}')}.\n"
+        "{cores} cores of {processor}, imaged on {imaging_device}.\n"
     )
+    return table(_headings(result), lines) + caption.format(**result.about.machine)
 
 
 def equal_table(result: Result) -> str:

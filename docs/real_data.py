@@ -1,4 +1,4 @@
-"""Tables and a picture of docs/real_data.md, from measured sets that you have downloaded:
+"""The tables of docs/real_data.md, from measured sets that you have downloaded:
 
     python -m docs.real_data FOLDER WORK [SET …]
 
@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from scipy.io import loadmat
 
 import handbench as hb
@@ -27,7 +26,6 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
-from handbench.reports.figures.style import save
 from handbench.support.files import write_text
 
 HERE = Path(__file__).parent
@@ -41,30 +39,32 @@ FILES = {
 TUMOURS_M = {"tumour-11mm": (0.015, 0.0, 0.035), "tumour-20mm": (0.015, 0.0, 0.030)}
 RINGS = (range(10), range(10, 20), range(20, 24))  # antennas at one height
 # of the chair's stereo camera: focal length and centre
-FOCAL_PX, CENTRE_PX = 700.0, np.array([640.0, 360.0])[:, None, None]
+FOCAL_PX, CENTRE_PX = 700.0, np.array([[[640.0]], [[360.0]]])
 
 
 def gather(folder: Path, work: Path) -> list[str]:
     """Make WORK/NAME of each set whose files are below `folder`, and return the sets' names."""
     complete = []
     for name, files in FILES.items():
-        paths = {file: next(folder.rglob(file), None) for file in files}
-        if None in paths.values():
+        paths = [next(folder.rglob(file), None) for file in files]
+        if None in paths:
             print(f"{name}: left out; {folder} lacks some of {', '.join(files)}")
             continue
-        complete.append(name)
         shutil.rmtree(work / name, ignore_errors=True)
-        if name in SAVED:
-            SAVED[name](work / name, *paths.values())
-            continue
-        (work / name).mkdir(parents=True)
-        for file, path in paths.items():
-            shutil.copyfile(path, work / name / file)
-        mapping = (HERE / "real_tumour.toml").read_text("utf-8")
-        if name == "tumour-20mm":
-            mapping = mapping.replace("11mm", "20mm").replace("_P3", "_P5")
-        write_text(work / name / "mapping.toml", mapping)
+        SAVED[name](work / name, *paths)
+        complete.append(name)
     return complete
+
+
+def save_tumour(folder: Path, *files: Path) -> None:
+    """Copy the files of a tumour into its capture, with a mapping that describes them."""
+    folder.mkdir(parents=True)
+    for file in files:
+        shutil.copy(file, folder)
+    mapping = (HERE / "real_tumour.toml").read_text("utf-8")
+    if folder.name == "tumour-20mm":
+        mapping = mapping.replace("11mm", "20mm").replace("_P3", "_P5")
+    write_text(folder / "mapping.toml", mapping)
 
 
 def save_tape(folder: Path, samples_file: Path, probe_file: Path) -> None:
@@ -114,29 +114,24 @@ def save_pairs(
     )
 
 
-SAVED = {"tape": save_tape, "chair": save_chair}
+SAVED = {"tape": save_tape, "chair": save_chair} | dict.fromkeys(TUMOURS_M, save_tumour)
 
 
-def imaged(folder: Path, id: str, echoes: RadarCapture | None = None) -> DepthMap:
-    """Image a capture, or other echoes of it, by a method as its description sets it up."""
-    echoes = open_capture(folder).echoes() if echoes is None else echoes
-    return method(id).run(echoes, configuration(folder, id, {}), 0).depth
+def imaged(folder: Path, echoes: RadarCapture) -> DepthMap:
+    """Image echoes by broadband backprojection, as the capture's description sets it up."""
+    return method("broadband").run(echoes, configuration(folder, "broadband", {}), 0).depth
 
 
 def tape(work: Path) -> pd.DataFrame:
-    """Image the tape, 150 mm away, by four methods; draw the maps with x to the left."""
-    rows, figure = [], Figure(figsize=(5.4, 4.6), layout="constrained")
-    methods = ("2fsk", "3fsk", "narrowband", "broadband")
-    for axis, id in zip(figure.subplots(2, 2).ravel(), methods, strict=True):
-        depth = imaged(work / "tape", id)
-        strong_mm = 1e3 * np.where(depth.amplitude_db >= -6, depth.z_m, np.nan)
-        distance_mm, std_mm = np.nanmedian(strong_mm), np.nanstd(strong_mm)
-        rows.append({"method": id, "distance mm": distance_mm, "std mm": std_mm})
-        drawn = axis.pcolormesh(-1e3 * depth.x_m, 1e3 * depth.y_m, strong_mm)
-        figure.colorbar(drawn, ax=axis)
-        axis.set(title=id, aspect="equal")
-    save(figure, HERE / "real_tape.png")
-    return pd.DataFrame(rows)
+    """Image the tape, 150 mm away, by four methods."""
+    rows = []
+    for id in ("2fsk", "3fsk", "narrowband", "broadband"):
+        depth = hb.load(work / "tape").reconstruct(id)
+        strong_mm = 1e3 * depth.z_m[depth.amplitude_db >= -6]
+        rows.append(
+            [id, np.nanmedian(strong_mm), np.nanstd(strong_mm), np.isfinite(strong_mm).sum()]
+        )
+    return pd.DataFrame(rows, columns=["method", "distance mm", "std mm", "pixels"])
 
 
 def tumours(work: Path) -> pd.DataFrame:
@@ -147,13 +142,13 @@ def tumours(work: Path) -> pd.DataFrame:
     rows = []
     for name, echoes in captures.items():
         for what, extra_m in (("as measured", np.zeros(3)), ("rings corrected", delays_m)):
-            depth = imaged(work / name, "broadband", advanced(echoes, extra_m))
+            depth = imaged(work / name, advanced(echoes, extra_m))
             level_db = np.where(np.isfinite(depth.z_m), depth.amplitude_db, -np.inf)
             row, column = np.unravel_index(level_db.argmax(), level_db.shape)
             peak_m = np.array([depth.x_m[column], depth.y_m[row], depth.z_m[row, column]])
-            off_mm = 1e3 * np.linalg.norm(peak_m - TUMOURS_M[name])
-            rows.append({"set": f"{name}, {what}", "peak m": peak_m, "error mm": off_mm})
-    return pd.DataFrame(rows)
+            error_mm = 1e3 * np.linalg.norm(peak_m - TUMOURS_M[name])
+            rows.append([f"{name}, {what}", peak_m, error_mm])
+    return pd.DataFrame(rows, columns=["set", "peak m", "error mm"])
 
 
 def ring_delays_m(echoes: RadarCapture, target_m: tuple[float, float, float]) -> np.ndarray:
@@ -186,7 +181,7 @@ def advanced(echoes: RadarCapture, delays_m: np.ndarray) -> RadarCapture:
 
 def chair(work: Path) -> pd.DataFrame:
     """Compare the chair's depths with those of the stereo camera, less the radar's range offset."""
-    depth = imaged(work / "chair", "broadband")
+    depth = hb.load(work / "chair").reconstruct("broadband")
     stereo_m = loadmat(work / "chair" / "depth1.mat")["depimg"] / 1e3
     places_m = np.array(np.meshgrid(depth.x_m, depth.y_m))
     seen = np.isfinite(depth.z_m) & (depth.amplitude_db > -15)
@@ -209,7 +204,7 @@ def main(folder: Path, work: Path, *only: str) -> None:
     complete = gather(folder, work)
     for name in only or TABLES:
         if name in complete:
-            print(TABLES[name](work).to_string(index=False, float_format="{:.2f}".format), "\n")
+            print(TABLES[name](work).round(2), "\n")
 
 
 if __name__ == "__main__":

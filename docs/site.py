@@ -33,7 +33,6 @@ SPELT = {  # LaTeX that matplotlib does not know: the same as it does
     r"\\[td]?frac\s*(\w)\s*(\w)": r"\\frac{\1}{\2}",
     r"\\[td]frac": r"\\frac",
     r"\\(g|l)e\b": r"\\\1eq",
-    r"\\[lr]vert\b": "|",
 }
 OUTSIDE = {  # file of the repository: page of the site
     "README.md": "index.md",

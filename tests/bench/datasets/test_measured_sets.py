@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import handbench as hb
 from docs.real_data import TUMOURS_M, advanced, gather, imaged, ring_delays_m
 from handbench.bench.datasets.dataset import open_capture
 
@@ -25,7 +26,7 @@ def sets(tmp_path):
 
 
 def test_a_flat_tape_is_flat_and_at_its_distance(sets):
-    depth = imaged(sets("copper_tape") / "tape", "3fsk")
+    depth = hb.load(sets("copper_tape") / "tape").reconstruct("3fsk")
     strong = np.isfinite(depth.z_m) & (depth.amplitude_db >= -6)
     assert strong.sum() > 50
     assert depth.z_m[strong].std() < 1.6e-3
@@ -38,7 +39,7 @@ def test_delays_from_one_tumour_bring_the_other_to_its_place(sets):
     (first, at_m), (second, truth_m) = TUMOURS_M.items()
     delays_m = ring_delays_m(open_capture(folders[first]).echoes(), at_m)
     echoes = advanced(open_capture(folders[second]).echoes(), delays_m)
-    depth = imaged(folders[second], "broadband", echoes)
+    depth = imaged(folders[second], echoes)
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
     peak_m = np.array([depth.x_m[column], depth.y_m[row], depth.z_m[row, column]])
     assert np.linalg.norm(peak_m - truth_m) <= 6e-3
