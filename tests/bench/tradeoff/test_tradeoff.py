@@ -160,15 +160,11 @@ def test_no_answer_names_the_nearest(tmp_path):
 
 
 def test_the_acquisition_is_counted_when_asked_for(tmp_path):
-    """In a trade-off of before, which reads without its last column."""
     many, few = (
         line("many", 0.5, 0.02, acquisition_s=0.128),
         line("few", 1.0, 0.03, acquisition_s=0.002),
     )
-    file = folder_with([many, few], tmp_path / "t").folder / "tradeoff.csv"
-    rows = [row.rpartition(",")[0] for row in file.read_text().splitlines()]
-    file.write_text("\n".join(rows) + "\n")
-    found = load_tradeoff(file.parent)
+    found = folder_with([many, few], tmp_path / "t")
     assert answer(found, max_seconds=0.05)[0].name == "many"
     counted = answer(found, max_seconds=0.05, count_acquisition=True)[0]
     assert counted.name == "few" and counted.seconds == pytest.approx(0.032)
