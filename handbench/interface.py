@@ -524,8 +524,8 @@ def save_capture(
         raise HandbenchError(f"{folder}: exists already; choose a new folder")
     antennas = {"tx_m": tx_m, "rx_m": rx_m} if position_m is None else {"position_m": position_m}
     places_m = {name: np.asarray(at_m) for name, at_m in antennas.items() if at_m is not None}
-    moved_array = position_m is not None and not tx_m is rx_m is pairs is None
-    if len(places_m) < len(antennas) or moved_array:
+    array = any(given is not None for given in (tx_m, rx_m, pairs))
+    if len(places_m) < len(antennas) or (position_m is not None and array):
         raise HandbenchError(
             "tx_m, rx_m: expected both, perhaps with pairs, or position_m of a scan instead"
         )
