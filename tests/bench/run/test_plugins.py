@@ -92,10 +92,6 @@ BROKEN = {
         CODE.replace('source="this page"', 'base="2fks"'),
         "its base '2fks' is unknown; did you mean '2fsk'?",
     ),
-    "version 0.2": (
-        CODE.replace("handbench.radar", "radar"),
-        "imports radar.methods.registry, which is called handbench.radar.methods.registry",
-    ),
 }
 
 
