@@ -16,7 +16,7 @@ from handbench.support.files import content_hash
 from tests.radar.simulated_points import point_capture
 
 ROOT = Path(__file__).parents[3]
-PAGE = (ROOT / "docs" / "methods.md").read_text("utf-8")
+_, PAGE = (ROOT / "docs" / "python.md").read_text("utf-8").split("## A method of your own")
 CODE, PROJECT = (
     re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)[0] for language in ("python", "toml")
 )
