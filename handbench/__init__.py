@@ -75,7 +75,7 @@ DEFINED_IN = {  # the modules of the names that handbench/interface.py does not 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return version(__name__)
-    if name == "groundtruth":  # the package, which can be called as the function of this name could
+    if name == "groundtruth":
         return import_module(f"{__name__}.{name}")
     if name not in __all__:
         raise AttributeError(f"module 'handbench' has no attribute '{name}'")
