@@ -110,7 +110,9 @@ def effects(result: Result) -> tuple[Grid | None, str]:
         why = "; ".join(dict.fromkeys(str(row.get("why", "")) for row in found))
         largest = (_largest(found, key) for key in shown)
         rows.append((name, why, f"{on} of {len(found)}", *largest))
-    caption = "Effects of simulated echoes: largest size and seconds over the captures"
+    caption = (
+        "Effects of simulated echoes and photographs: largest size and seconds over the captures"
+    )
     headings = ("effect", "why", "on in", *(sizes[key] for key in shown))
     grid = Grid(caption, headings, tuple(rows), texts=2) if rows else None
     return grid, f"Off: {', '.join(off)}." if off else ""
