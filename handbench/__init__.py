@@ -75,8 +75,6 @@ DEFINED_IN = {  # the modules of the names that handbench/interface.py does not 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         return version(__name__)
-    if name == "groundtruth":
-        return import_module(f"{__name__}.{name}")
     if name not in __all__:
         raise AttributeError(f"module 'handbench' has no attribute '{name}'")
     return getattr(import_module(DEFINED_IN.get(name, "handbench.interface")), name)

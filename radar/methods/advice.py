@@ -27,7 +27,7 @@ PROBED = 400  # pixels whose velocity is measured for it
 NEAR_LIMIT, MANY = 0.8, 0.01  # of the unambiguous velocity; share of pixels
 CLIMB = 12.5  # ratio of the reaches of two successive rungs: 200 MHz to 2.5 GHz in the paper
 # settings of one tone each, the close pair first
-TONES = ("f1_hz", "f2_hz", "close_hz", "f3_hz", "far_hz")
+TONES = ("f1_hz", "f2_hz", "f3_hz")
 
 
 def requested_tones_hz(config: Config) -> np.ndarray | None:
