@@ -9,8 +9,6 @@ import numpy as np
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
 
-WINDOW_PX = 5  # of the averaging filter that all are given
-SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
 TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
 FEWEST_PERCENT = 1.0  # of the surface; with fewer a method would decide the others' common pixels
 COMMON = "common_percent"  # the only metric that exists under equal treatment alone

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT, SMOOTHING
+from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
 from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
@@ -24,6 +24,7 @@ from handbench.bench.evaluation.tables import (
     conform,
     frame,
 )
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import REFERENCES, CaptureFacts
 from handbench.bench.results.maps import depth_path
 from handbench.radar.data.depthmap import load_depthmap

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.equal_treatment import SMOOTHING
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap

@@ -20,10 +20,11 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import SMOOTHING, taking_part, treated_figures
+from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
 from handbench.bench.evaluation.metrics import VELOCITY_BIAS, VELOCITY_MAE, Values, pool
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_figures
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results import errors_path, write_errors

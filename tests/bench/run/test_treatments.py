@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
-from handbench.bench.evaluation.equal_treatment import WINDOW_PX
+from handbench.bench.evaluation.treatments import WINDOW_PX
 from handbench.bench.run import reconstruct_stage
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.reconstruct_stage import read_treated, write_treated
