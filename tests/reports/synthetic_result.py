@@ -13,10 +13,10 @@ from PIL import Image
 
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.equal_treatment import SMOOTHING
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
 from handbench.bench.evaluation.tables import COMPARISONS, SCORES, TASKS, by_method, frame
+from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.radar.data.depthmap import DepthMap
 
 FLOOR_MM = {"photogrammetry": 0.126, "truth": 0.0}
