@@ -27,6 +27,7 @@ VELOCITY = VELOCITY_MAE, VELOCITY_BIAS, VELOCITY_WITHIN, VELOCITY_BEYOND = (
     "velocity_within_percent",
     "velocity_beyond_percent",
 )
+OVER_FRAMES = ("mae_mm", "max_mm")  # how these vary over the frames is in the table
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 BAND = 1.96  # standard deviations that contain 95 % of a normal error
 

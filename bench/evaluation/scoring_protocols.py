@@ -14,6 +14,9 @@ from handbench.bench.evaluation.metrics import METRICS
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 
+# surfaces to score against; completed: by the truth, where photogrammetry has no surface
+REFERENCES = ("photogrammetry", "completed", "truth")
+
 
 @dataclass(frozen=True)
 class Protocol:

@@ -14,6 +14,7 @@ from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
 from handbench.bench.evaluation.metrics import METRICS, TITLES
 from handbench.bench.evaluation.metrics import VELOCITY_BEYOND as VELOCITY_BEYOND
 from handbench.bench.evaluation.metrics import VELOCITY_MAE as VELOCITY_MAE
+from handbench.bench.evaluation.scoring_protocols import REFERENCES as REFERENCES
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -26,8 +27,6 @@ HEADLINES = (
     *(HEADLINE, "floor_mm", "max_mm", *SHARES, COMMON, "precision_mm", "seconds"),
     *(VELOCITY_MAE, VELOCITY_BEYOND),
 )
-# completed: by the truth, where photogrammetry has no surface
-REFERENCES = ("photogrammetry", "completed", "truth")
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")

@@ -10,6 +10,7 @@ import pandas as pd
 
 from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
 from handbench.bench.evaluation.intervals import figure_interval
+from handbench.bench.evaluation.main_table import STRONGEST
 from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
 
 MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed"))
-STRONGEST = "strongest_z_m"
 # of moving scenes in the table of scores: mean |radial velocity| of the surface, mm/s; time from
 # one tone to the next, s; start of a frame, s
 SPEED, STEP, START = "speed_mm_s", "step_time_s", "start_s"

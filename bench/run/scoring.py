@@ -21,7 +21,13 @@ from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
-from handbench.bench.evaluation.metrics import VELOCITY_BIAS, VELOCITY_MAE, Values, pool
+from handbench.bench.evaluation.metrics import (
+    OVER_FRAMES,
+    VELOCITY_BIAS,
+    VELOCITY_MAE,
+    Values,
+    pool,
+)
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.evaluation.treatments import SMOOTHING
@@ -37,7 +43,6 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.support.files import read_npz, write_npz
 
 SCORED, REFERENCES = "scores.csv", "references"
-OVER_FRAMES = ("mae_mm", "max_mm")
 OF_EACH_FRAME = (*OVER_FRAMES, VELOCITY_MAE, VELOCITY_BIAS)
 KEPT = ("z_m", "mesh_sigma_m", "met", "leverage", "covariance")
 Line = tuple[str, str, str, str, int, str, float | int | None]  # of SCORES

@@ -13,12 +13,11 @@ import pandas as pd
 from handbench.bench import results
 from handbench.bench.evaluation.floor import budget
 from handbench.bench.evaluation.intervals import note
-from handbench.bench.evaluation.metrics import TITLES, over_frames, pool
-from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
+from handbench.bench.evaluation.metrics import TITLES, pool
 from handbench.bench.evaluation.scoring_protocols import protocol
-from handbench.bench.evaluation.tables import SCORES, TABLE, TASKS, by_method, frame, read
+from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results import (
-    REFERENCES,
     About,
     CaptureFacts,
     Frames,
@@ -26,7 +25,7 @@ from handbench.bench.results import (
     SurfaceMap,
     metric_facts,
 )
-from handbench.bench.results.derived import STRONGEST, few_pixels, few_pixels_text
+from handbench.bench.results.derived import few_pixels, few_pixels_text
 from handbench.bench.run import scoring
 from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, surfaces
 from handbench.bench.run.reconstruct_stage import VELOCITY, read_frames, read_times
@@ -48,7 +47,6 @@ FILES = (
     "photos",
     *(f"{name}.csv" for name in results.TABLES),
 )
-PER_PIXEL = "pixel_precision_mm"
 
 
 def write(folder: Path, outcome: Outcome, config: str) -> None:
@@ -60,7 +58,14 @@ def write(folder: Path, outcome: Outcome, config: str) -> None:
     if outcome.failures:
         say(f"the table uses {on.text}")
     found = scores(outcome, on)
-    table = tabulate(outcome, on, found)
+    bench, order = outcome.bench, [entry.id for entry in on.methods]
+    table = main_table(
+        # a stage's scores may be kept from a benchmark with another order of its methods
+        found.sort_values("method", key=lambda ids: ids.map(order.index), kind="stable"),
+        protocol(bench.protocol),
+        bench.seed,
+        bool(bench.reproduces),
+    )
     drop(folder, FILES)
     for capture, entry in product(on.captures, on.methods):
         name = capture.name
@@ -137,58 +142,6 @@ def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
     ]
     found = pd.concat([frame(SCORES), *of_captures, frame(SCORES, rows)], ignore_index=True)
     return found[found.method.isin(methods)].reset_index(drop=True)
-
-
-def tabulate(outcome: Outcome, on: CommonSubset, scores: pd.DataFrame) -> pd.DataFrame:
-    """Make the main table of the result: the figures of each method with confidence intervals, for
-    one reference after the other.
-    scores: the table of scores, as the function `scores` returns it."""
-    rows, chosen = [frame(TABLE)], protocol(outcome.bench.protocol)
-    repeated = [capture.name for capture in on.repeated]
-    values: dict[Any, pd.DataFrame] = {
-        (m, e): of for (m, e), of in scores.groupby(["method", "metric"], sort=False)
-    }
-    nothing = scores[:0]
-    for reference in REFERENCES:
-        figures = by_method(scores, reference)
-        for entry in (entry for entry in on.methods if entry.id in figures):
-            method, captures = entry.id, figures[entry.id]
-            rows.append(accuracy_rows(method, reference, captures, chosen))
-            rows.append(
-                frame_rows(method, reference, _over_frames(values, method, reference), chosen)
-            )
-            if entry.precision and repeated and "precision_mm" in chosen.metrics:
-                strongest, spread = (
-                    values.get((method, metric), nothing) for metric in (STRONGEST, PER_PIXEL)
-                )
-                hands_m = [
-                    strongest.value[strongest.capture == name].to_numpy() for name in repeated
-                ]
-                rows.append(precision_rows(method, reference, hands_m, spread.value.tolist()))
-            rows.append(
-                time_rows(
-                    method,
-                    reference,
-                    values.get((method, "seconds"), nothing).value.to_numpy(),
-                    outcome.bench.seed,
-                )
-            )
-    table = pd.concat(rows)
-    return table if outcome.bench.reproduces else table.assign(paper=np.nan)
-
-
-def _over_frames(
-    values: dict[Any, pd.DataFrame], method: str, reference: str
-) -> list[dict[str, Any]]:
-    """Return for each capture how the error of a method varies over the frames: metric → value.
-    values: (method, metric) → lines of the table of scores, which has one for each capture and
-    frame."""
-    lines = (values[method, metric] for metric in scoring.OVER_FRAMES)
-    own = (of[(of.reference == reference) & (of.treatment == "")] for of in lines)
-    mae_mm, max_mm = (
-        [each.to_numpy() for _, each in of.groupby("capture", sort=False).value] for of in own
-    )
-    return [over_frames(*both) for both in zip(mae_mm, max_mm, strict=True)]
 
 
 def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:

@@ -13,9 +13,10 @@ from PIL import Image
 
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import pool
-from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
-from handbench.bench.evaluation.tables import COMPARISONS, SCORES, TASKS, by_method, frame
+from handbench.bench.evaluation.scoring_protocols import PAPER
+from handbench.bench.evaluation.tables import COMPARISONS, SCORES, TASKS, frame
 from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.radar.data.depthmap import DepthMap
 
@@ -50,7 +51,7 @@ def write_synthetic(
     folder.mkdir(parents=True, exist_ok=True)
     photo = folder / "photo.png"
     Image.fromarray(rng.integers(0, 255, (400, 500, 3), np.uint8)).save(photo)
-    lines, rows, z_m = [], [], hand_m(axis, axis)
+    lines, z_m = [], hand_m(axis, axis)
     for c in captures:
         results.write_photo(folder, c, photo)
         for reference in references:
@@ -67,21 +68,17 @@ def write_synthetic(
                 lines += [(c, method, reference, "", 0, *each) for each in figures.items()]
                 lines += [(c, method, reference, t, 0, "mae_mm", mm) for t in SMOOTHING if equal]
     photo.unlink()
-    repeats_m = {m: 0.29 + 6e-4 * of[1] * rng.normal(size=10) for m, of in methods.items()}
-    for method, (*_, seconds) in methods.items():
-        lines += [
-            (captures[0], method, "", "", n, "strongest_z_m", z)
-            for n, z in enumerate(repeats_m[method])
-        ]
-        for reference in references:
-            figures = by_method(frame(SCORES, lines), reference)[method]
-            rows.append(accuracy_rows(method, reference, figures))
-            rows.append(precision_rows(method, reference, [repeats_m[method]]))
-            rows.append(time_rows(method, reference, seconds * rng.uniform(0.9, 1.2, 30)))
+    for method, (_, mm, seconds) in methods.items():
+        of_method = captures[0], method, "", ""
+        z_m = 0.29 + 6e-4 * mm * rng.normal(size=10)
+        seconds = seconds * rng.uniform(0.9, 1.2, 30)
+        lines += [(*of_method, n, "strongest_z_m", z) for n, z in enumerate(z_m)]
+        lines += [(*of_method, n, "seconds", s) for n, s in enumerate(seconds)]
+    scores = frame(SCORES, lines)
     cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
-    tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}
-    results.write_tables(folder, table=pd.concat(rows), **tables)
+    tables = {"tasks": frame(TASKS, tasks), "scores": scores}
+    results.write_tables(folder, table=main_table(scores, PAPER, 0, with_paper=True), **tables)
     results.write_config(folder, 'name = "synthetic"\n')
     about = results.About(
         name="synthetic",

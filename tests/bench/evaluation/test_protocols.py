@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import VELOCITY, of_captures, over_frames
-from handbench.bench.evaluation.rows import accuracy_rows, frame_rows, precision_rows, time_rows
+from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
+from handbench.bench.evaluation.metrics import OVER_FRAMES, VELOCITY, pool
 from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
+from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(24)
@@ -23,15 +23,14 @@ def test_an_unknown_protocol_names_the_nearest():
 
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
 def test_the_table_holds_the_protocols_metrics(chosen):
-    m = error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)
-    velocities = dict.fromkeys(VELOCITY, 1.0)
-    rows = [
-        accuracy_rows("3fsk", "truth", of_captures([m]).assign(**velocities), chosen),
-        time_rows("3fsk", "truth", [0.1]),
-    ]
-    rows.append(frame_rows("3fsk", "truth", [over_frames(np.ones(2), np.ones(2))], chosen))
-    if "precision_mm" in chosen.metrics:
-        rows.append(precision_rows("3fsk", "truth", [np.array([0.3, 0.301])], [1.0]))
-    values = pd.concat(rows).set_index("metric").value
+    figures = pool([error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)])
+    figures |= dict.fromkeys((*VELOCITY, "floor_mm"), 1.0)
+    lines = [("B", "3fsk", "truth", "", 0, *figure) for figure in figures.items()]
+    lines += [("B", "3fsk", "truth", "", 1, metric, 1.0) for metric in OVER_FRAMES]
+    lines += [("P", "3fsk", "", "", n, STRONGEST, 0.3 + 1e-3 * n) for n in range(2)]
+    lines += [("P", "3fsk", "", "", 0, PER_PIXEL, 1.0), ("B", "3fsk", "", "", 0, "seconds", 0.1)]
+    table = main_table(frame(SCORES, lines), chosen, seed=0, with_paper=False)
+    values = table.set_index("metric").value
     assert set(values.index) == set(chosen.metrics)
     assert values["mae_mm"] == pytest.approx(1, abs=1e-9)
+    assert table.paper.isna().all()

@@ -9,8 +9,9 @@ from PIL import Image
 
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import of_captures
-from handbench.bench.evaluation.rows import accuracy_rows, precision_rows, time_rows
+from handbench.bench.evaluation.main_table import main_table
+from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.scoring_protocols import PAPER
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json, write_npz
@@ -22,18 +23,16 @@ TASK = frame(
     TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)]
 )
 STRONGEST_M = (0.3, None, 0.301)
+FIGURES = pool([ERRORS]) | {"floor_mm": None}
 SCORED = frame(
-    SCORES, [("hand1", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(STRONGEST_M)]
+    SCORES,
+    [("B", "3fsk", "truth", "", 0, *figure) for figure in FIGURES.items()]
+    + [("hand1", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(STRONGEST_M)],
 )
 
 
 def rows() -> pd.DataFrame:
-    parts = (
-        accuracy_rows("3fsk", "truth", of_captures([ERRORS])),
-        precision_rows("3fsk", "truth", [np.array([0.3, np.nan, 0.301])]),
-        time_rows("3fsk", "truth", []),
-    )
-    return pd.concat(parts, ignore_index=True)
+    return main_table(SCORED, PAPER, seed=0, with_paper=True)
 
 
 @pytest.fixture
@@ -69,7 +68,7 @@ def test_what_is_written_comes_back(folder):
     result = results.load(folder)
     assert result.table.equals(rows())
     assert result.tasks.equals(TASK) and result.scores.equals(SCORED)
-    assert result.repeats.z_m.equals(SCORED.value)
+    np.testing.assert_array_equal(result.repeats.z_m, np.array(STRONGEST_M, float))
     assert result.config == 'name = "ü"\n' and result.photo("B") is None
     assert result.about.protocol == {"nested": {"list": [1, 2]}}
     assert result.about.metrics == results.metric_facts()
