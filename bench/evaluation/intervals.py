@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.bench.evaluation.metrics import METRICS, deviation, mean_deviation
+from handbench.bench.evaluation.repeats import deviation, mean_deviation
 from handbench.bench.evaluation.tables import LEVEL
 
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
@@ -50,19 +50,6 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
         quantiles = 3 / skew * (np.cbrt(1 + skew * (quantiles - skew / (6 * n))) - 1)
     low, high = mean - spread * quantiles
     return Interval(float(low), float(high))
-
-
-def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
-    """Compute the 95 % interval of a metric's mean, from its value on each capture [n], cut to the
-    values that the metric can have.
-    Returns None for fewer than five captures (FEWEST), and for percentages that are 0 or 100 in
-    every capture, which have no spread."""
-    found, facts = mean_interval(values), METRICS[metric]
-    if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
-        return None
-    most = 100.0 if facts.unit == "%" else np.inf
-    least = -np.inf if facts.better == "zero" or metric.startswith("relative") else 0.0
-    return Interval(max(found.low, least), min(found.high, most))
 
 
 def note(captures: int) -> str:

@@ -4,22 +4,18 @@ the value of the paper."""
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.intervals import (
-    Interval,
-    figure_interval,
-    median_interval,
-    precision_interval,
-)
+from handbench.bench.evaluation.intervals import Interval, median_interval, precision_interval
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     METRICS,
     OVER_FRAMES,
     VELOCITY,
     Values,
+    figure_interval,
     mean_figures,
     over_frames,
-    precision,
 )
+from handbench.bench.evaluation.repeats import precision_mm, relative_precision_percent
 from handbench.bench.evaluation.scoring_protocols import REFERENCES, Protocol
 from handbench.bench.evaluation.tables import TABLE, by_method, frame
 
@@ -92,8 +88,8 @@ def _precision(scores: pd.DataFrame, hands: np.ndarray) -> Figures:
     figures: Figures = {}
     if len(strongest):
         z_m = [strongest.value[strongest.capture == hand].to_numpy() for hand in hands]
-        figures = {key: (value, None) for key, value in precision(z_m).items()}
-        figures["precision_mm"] = figures["precision_mm"][0], precision_interval(z_m)
+        figures["precision_mm"] = precision_mm(z_m), precision_interval(z_m)
+        figures["relative_precision_percent"] = relative_precision_percent(z_m), None
     if len(pixels):
         mm = pixels.value
         value = mm.mean() if mm.notna().any() else None

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap as ErrorMap
+from handbench.bench.evaluation.intervals import Interval, mean_interval
+from handbench.bench.evaluation.repeats import deviation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -166,6 +168,19 @@ def over_frames(mae_mm: np.ndarray, max_mm: np.ndarray) -> Values:
     return found
 
 
+def figure_interval(metric: str, values: Sequence[float] | np.ndarray) -> Interval | None:
+    """Compute the 95 % interval of a metric's mean, from its value on each capture [n], cut to the
+    values that the metric can have.
+    Returns None for fewer than five captures (FEWEST), and for percentages that are 0 or 100 in
+    every capture, which have no spread."""
+    found, facts = mean_interval(values), METRICS[metric]
+    if found is None or (facts.unit == "%" and set(np.unique(values)) in ({0.0}, {100.0})):
+        return None
+    most = 100.0 if facts.unit == "%" else np.inf
+    least = -np.inf if facts.better == "zero" or metric.startswith("relative") else 0.0
+    return Interval(max(found.low, least), min(found.high, most))
+
+
 def of_captures(maps: Iterable[ErrorMap]) -> pd.DataFrame:
     """Compute the metrics of each capture's error map. Returns a DataFrame with one line for each
     map and one column for each metric; NaN if undefined."""
@@ -200,70 +215,6 @@ QUANTILES = {"median_mm": 0.5, "p95_mm": 0.95}
 ORDERED = ("max_mm", *QUANTILES)  # what is no ratio of sums
 TERMS = tuple(terms(ErrorMap(np.empty(0), np.empty(0), np.empty((0, 0)), np.empty((0, 0)))))
 AVERAGED = tuple(key for key in pool([]) if key != "n_observed")  # over the captures
-
-
-def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Return the depth [n], metres, of the strongest scatterer in each repeated frame, from which
-    the precision is computed.
-    z_m, amplitude [n, ny, nx]: depths, metres, and linear amplitudes. The same pixel is used in all
-    frames: of the pixels observed in every frame, the one with the largest mean amplitude. (The
-    strongest pixel of each frame could jump between glints of nearly equal strength; the distance
-    between these would then be measured.) NaN if there is no such pixel."""
-    steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
-    if not steady.any():
-        return np.full(len(z_m), np.nan)
-    strongest = np.argmax(np.where(steady, amplitude.mean(axis=0), -np.inf))
-    return z_m.reshape(len(z_m), -1)[:, strongest]
-
-
-def precision(strongest_z_m: Sequence[np.ndarray]) -> Values:
-    """Compute the precision, mm, and the relative precision, %: metric → value.
-    strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
-    metres. The precision is the standard deviation over the repeats, averaged over the hands; the
-    relative one is 100 (1 − precision / mean depth). Both are None if a hand has fewer than two
-    usable repeats."""
-    hands = usable_repeats(strongest_z_m)
-    if not hands:
-        return {"precision_mm": None, "relative_precision_percent": None}
-    precision_m = np.mean([deviation(z) for z in hands])
-    distance_m = np.mean([z.mean() for z in hands])
-    return {
-        "precision_mm": float(1e3 * precision_m),
-        "relative_precision_percent": float(100 * (1 - precision_m / distance_m))
-        if distance_m
-        else None,
-    }
-
-
-def deviation(values: np.ndarray) -> float:
-    """Return the standard deviation (n − 1) of `values` [n ≥ 2]; exactly 0 if all values are
-    equal."""
-    return float(np.std(values, ddof=1)) if np.ptp(values) > 0 else 0.0
-
-
-def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Remove the repeats in which nothing was imaged (NaN) from the depths of each hand.
-    strongest_z_m: for each hand, depths [n_repeats]. Returns an empty list if any hand keeps fewer
-    than two, because a mean over fewer hands would be another figure."""
-    hands = [
-        z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
-    ]
-    return hands if all(len(z) > 1 for z in hands) else []
-
-
-def mean_deviation(strongest_z_m: Sequence[np.ndarray]) -> tuple[float, float] | None:
-    """Return the standard deviation of depth over repeats, mm, averaged over the hands, and its
-    degrees of freedom.
-    strongest_z_m: for each hand, depths [n_repeats], metres. Degrees of freedom are ν = (Σ s)² / Σ
-    (s²/ν_hand) (Welch–Satterthwaite). None if a hand has fewer than two usable repeats."""
-    hands = usable_repeats(strongest_z_m)
-    if not hands:
-        return None
-    each_mm = np.array([1e3 * deviation(z) for z in hands])
-    freedom = np.array([len(z) - 1 for z in hands])
-    if not each_mm.any():
-        return 0.0, float(freedom.sum())
-    return float(each_mm.mean()), float(each_mm.sum() ** 2 / (each_mm**2 / freedom).sum())
 
 
 def definitions(keys: Sequence[str] = tuple(METRICS)) -> dict[str, str]:

@@ -11,7 +11,8 @@ from scipy import special
 
 from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
 from handbench.bench.evaluation.intervals import FEWEST, TAILS, TOO_FEW, mean_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, deviation, mean_deviation
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS
+from handbench.bench.evaluation.repeats import deviation, mean_deviation
 from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform
 from handbench.support.errors import HandbenchError
 

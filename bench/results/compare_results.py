@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.intervals import FEWEST, figure_interval, note, precision_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, precision
+from handbench.bench.evaluation.intervals import FEWEST, note, precision_interval
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, figure_interval
 from handbench.bench.evaluation.paired import (
     Difference,
     amount_text,
@@ -34,6 +34,7 @@ from handbench.bench.evaluation.paired import (
     paired_test,
     welch_test,
 )
+from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, by_method, conform, records, write
 from handbench.bench.results.about import REFERENCES, MethodFacts
 from handbench.bench.results.derived import compared_metrics
@@ -277,13 +278,13 @@ def _precision(a: Result, b: Result, method: MethodFacts) -> list[dict[str, Any]
     if not any(hands):
         return []
     depths = [list(of.values()) for of in hands]
-    values = [precision(z)[PRECISION] for z in depths]
+    values = [precision_mm(z) for z in depths]
     ends = [precision_interval(z) or NONE for z in depths]
     found = f_test(*depths)
     line = _line(method, PRECISION, values, [*map(len, hands)], ends, found)
     if np.isnan(found.p):
         line["untested"] = "no scatter of repeats in A or in B"
-    each = ({name: precision([z])[PRECISION] for name, z in of.items()} for of in hands)
+    each = ({name: precision_mm([z]) for name, z in of.items()} for of in hands)
     return [line, *_each_capture(method, PRECISION, *each)]
 
 

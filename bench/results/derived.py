@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
-from handbench.bench.evaluation.intervals import figure_interval
 from handbench.bench.evaluation.main_table import STRONGEST
-from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS
+from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, figure_interval
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
 from handbench.bench.evaluation.tables import (

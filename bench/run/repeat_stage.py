@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map
-from handbench.bench.evaluation.metrics import strongest_scatterer_z_m
+from handbench.bench.evaluation.repeats import strongest_scatterer_z_m
 from handbench.bench.run.reconstruct_stage import TIMING, Imager
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device

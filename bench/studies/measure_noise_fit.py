@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.bench.evaluation.metrics import precision
+from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
@@ -53,13 +53,13 @@ def fit(benchmark: str, wanted_mm: float) -> float:
     turns_per_m = 2 * abs(CONFIG.f1_hz - CONFIG.f2_hz) / SPEED_OF_LIGHT_M_S
     phase_noise_rad = 2 * np.pi * turns_per_m * 1e-3 * wanted_mm
     for _ in range(STEPS):
-        measured_mm = precision_mm(scenes, phase_noise_rad, bench.repeats)
+        measured_mm = measured_precision_mm(scenes, phase_noise_rad, bench.repeats)
         print(f"{phase_noise_rad:.5f} rad: precision {measured_mm:.3f} mm")
         phase_noise_rad *= wanted_mm / measured_mm
     return phase_noise_rad
 
 
-def precision_mm(scenes: list[Scene], phase_noise_rad: float, repeats: int) -> float:
+def measured_precision_mm(scenes: list[Scene], phase_noise_rad: float, repeats: int) -> float:
     """Simulate `repeats` frames of each scene with this phase noise, and return the depth precision
     of 2-FSK in mm, computed as in the benchmark."""
     hands = []
@@ -68,7 +68,7 @@ def precision_mm(scenes: list[Scene], phase_noise_rad: float, repeats: int) -> f
         capture = echoes(replace(scene, file=file), repeats).capture
         maps = [fsk_with_uncertainty(capture, CONFIG, frame) for frame in range(repeats)]
         hands.append(strongest_z_m(maps))
-    return float(dict(precision(hands))["precision_mm"])
+    return precision_mm(hands) or 0.0
 
 
 def main() -> None:

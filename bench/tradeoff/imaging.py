@@ -28,8 +28,14 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.intervals import figure_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, Values, mean_figures, pool
+from handbench.bench.evaluation.metrics import (
+    HEADLINE,
+    METRICS,
+    Values,
+    figure_interval,
+    mean_figures,
+    pool,
+)
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.pipeline.score import pixel_errors, reference_of_file

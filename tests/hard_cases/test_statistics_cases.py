@@ -10,21 +10,16 @@ from flint import arb
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
 from handbench.bench.evaluation.floor import floor_mm
-from handbench.bench.evaluation.intervals import (
-    figure_interval,
-    mean_interval,
-    median_interval,
-    precision_interval,
-)
+from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
 from handbench.bench.evaluation.metrics import (
     AVERAGED,
     HEADLINE,
+    figure_interval,
     of_captures,
     pool,
-    precision,
-    strongest_scatterer_z_m,
 )
 from handbench.bench.evaluation.paired import compare, f_test, holm_corrected, paired_test
+from handbench.bench.evaluation.repeats import precision_mm, strongest_scatterer_z_m
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
 from handbench.calibration.transforms import Transform
@@ -74,7 +69,7 @@ def test_precision_about_depth() -> Seen:
     """The depth, its mean and what is left of it are rounded, half an ε each."""
     for spread_m, n in product((1e-3, 1e-6, 1e-9, 1e-12, 0.0), (2, 10, 100_000)):
         z_m = DEPTH_M + spread_m * np.where(np.arange(n) % 2, 1.0, -1.0)
-        off_m = 1e-3 * off(number(precision([z_m])["precision_mm"]), 1000 * deviation(z_m, lost=1))
+        off_m = 1e-3 * off(number(precision_mm([z_m])), 1000 * deviation(z_m, lost=1))
         yield f"{1e6 * spread_m:g} µm, {n} repeats", float(off_m) / (EPS * DEPTH_M)
 
 
@@ -114,7 +109,7 @@ def test_all_equal() -> Seen:
     """One rounding of a depth in metres; no p from roundings."""
     for z_m in (0.1, 0.3, 0.7, 1 / 3):
         hands = [np.full(n, z_m) for n in (2, 3, 7)]
-        yield f"precision at {z_m:g} m", number(precision(hands)["precision_mm"])
+        yield f"precision at {z_m:g} m", number(precision_mm(hands))
         yield f"its interval at {z_m:g} m", max(precision_interval(hands) or [np.nan])
         yield f"two methods at {z_m:g} m", 1 - number(f_test(hands, [np.full(3, 0.7 * z_m)]).p)
         repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
@@ -258,7 +253,7 @@ def test_not_finite() -> Seen:
             yield f"{share:.1%} {broken}, {key}", _relative(found[key], value) / EPS
     for broken, strongest_m in ((np.nan, 0.5), (np.inf, 0.4), (-np.inf, 0.5)):
         mixed = np.array([0.3, broken, 0.301, broken, 0.303])
-        both = [number(precision([z_m])["precision_mm"]) for z_m in (mixed, mixed[::2])]
+        both = [number(precision_mm([z_m])) for z_m in (mixed, mixed[::2])]
         yield f"precision with {broken}", abs(both[0] / both[1] - 1) / EPS
         found_m = strongest_scatterer_z_m(
             np.array([[[0.3, 0.4, 0.5]]]), np.array([[[1.0, broken, 2.0]]])

@@ -11,13 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from handbench.bench.evaluation.depth_errors import deviation_map, error_map
-from handbench.bench.evaluation.metrics import (
-    F_MM,
-    METRICS,
-    PAPER,
-    TITLES,
-    pool,
-    precision,
+from handbench.bench.evaluation.metrics import F_MM, METRICS, PAPER, TITLES, pool
+from handbench.bench.evaluation.repeats import (
+    precision_mm,
+    relative_precision_percent,
     strongest_scatterer_z_m,
 )
 from handbench.support.errors import HandbenchError
@@ -179,10 +176,10 @@ def test_precision_is_the_mean_of_the_hands_deviations():
     """Deviations of 1 and 2 mm (n − 1); pooling the variances instead would give 1.58 mm. Every
     hand needs two repeats."""
     hands = [np.array([0.299, 0.3, 0.301]), np.array([0.298, 0.3, NAN, 0.302])]
-    expected = {"precision_mm": 1.5, "relative_precision_percent": 99.5}
-    assert precision(hands) == pytest.approx(expected, abs=1e-9)
+    assert precision_mm(hands) == pytest.approx(1.5, abs=1e-9)
+    assert relative_precision_percent(hands) == pytest.approx(99.5, abs=1e-9)
     for few in ([], [*hands, np.array([0.3, NAN])]):
-        assert precision(few) == dict.fromkeys(expected)
+        assert precision_mm(few) is None is relative_precision_percent(few)
 
 
 def test_the_band_is_of_observed_pixels_alone():

@@ -9,13 +9,8 @@ from scipy import stats
 from scipy.special import erf
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
-from handbench.bench.evaluation.intervals import (
-    figure_interval,
-    mean_interval,
-    median_interval,
-    precision_interval,
-)
-from handbench.bench.evaluation.metrics import mean_figures, of_captures
+from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
+from handbench.bench.evaluation.metrics import figure_interval, mean_figures, of_captures
 
 AXIS_M = 2.5e-3 * np.arange(12)
 BETWEEN_MM = 0.7  # deviation of captures' biases

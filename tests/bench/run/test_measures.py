@@ -9,7 +9,7 @@ import pytest
 
 from handbench.bench import results
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.metrics import precision
+from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.sweep import TradeoffSweep
@@ -65,7 +65,7 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
     hands = [lines.z_m.to_numpy() for _, lines in result.repeats.groupby("capture")]
     assert set(result.repeats.capture) == set(prints) and set(result.repeats.method) == {"2fsk"}
     found = result.row("precision_mm", "2fsk", "truth").value
-    assert found == pytest.approx(precision(hands)["precision_mm"], rel=1e-12) and found > 0
+    assert found == pytest.approx(precision_mm(hands), rel=1e-12) and found > 0
     mae = (of.row("mae_mm", "2fsk", "truth").value for of in (result, results.load(small_result)))
     assert len(set(mae)) == 1  # the accuracy is the ball's, whatever else is measured
     bench, base = load_benchmark(str(printed))
