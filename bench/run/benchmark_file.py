@@ -141,8 +141,7 @@ class MethodEntry(Config):
     A foreign method, which is not part of handbench, has one of two fields. `maps` is a folder with
     a depth map CAPTURE.npz for each capture, relative to the benchmark file. `command` is a command
     line that makes the depth map; its placeholders {capture} and {depth} stand for the folder to
-    read and the file to write. limit_s and limit_mb limit the command for each capture: seconds,
-    and megabytes of address space (0: no limit).
+    read and the file to write. limit_s: longest duration of the command for each capture, s.
     """
 
     id: str
@@ -152,7 +151,6 @@ class MethodEntry(Config):
     maps: str | None = None
     command: str | None = None
     limit_s: float | None = Field(default=None, gt=0, le=1e7)  # 115 days
-    limit_mb: int | None = Field(default=None, ge=0, le=2**30)
 
     @property
     def foreign(self) -> bool:
@@ -164,10 +162,8 @@ class MethodEntry(Config):
         where = f"method '{self.id}'"
         if self.maps is not None and self.command is not None:
             raise ValueError(f"{where}: has maps and a command; give only one of them")
-        if self.command is None and (self.limit_s is not None or self.limit_mb is not None):
-            raise ValueError(
-                f"{where}: has limit_s or limit_mb but no command; leave these keys out"
-            )
+        if self.command is None and self.limit_s is not None:
+            raise ValueError(f"{where}: has limit_s but no command; leave it out")
         if not self.foreign:
             return self
         checked_name(self.id)

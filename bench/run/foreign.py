@@ -2,31 +2,28 @@
 program that gets the echoes.
 
 The program gets only a folder with capture.toml and the echoes of one frame, and a few environment
-variables. Its time, memory and output are limited. All processes that it started end when it ends,
-and when handbench ends (`supervisor.py`). This protects against mistakes, not against a malicious
-program.
+variables. Its time is limited, and its process group ends with it. This protects against mistakes,
+not against a malicious program.
 """
 
+import ctypes
 import os
 import shlex
-import shutil
 import signal
 import subprocess
-import sys
 import tempfile
-import threading
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_folder
 from handbench.bench.pipeline.image import configured
-from handbench.bench.run import supervisor
 from handbench.bench.run.benchmark_file import MethodEntry
 from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
@@ -34,13 +31,21 @@ from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, read_npz, write_json
-from handbench.support.progress import say
+from handbench.support.parallel import PR_SET_PDEATHSIG
 
-LIMIT_S, LIMIT_MB = 600.0, 16384  # for one capture; megabytes of addresses
+LIMIT_S = 600.0  # for one capture
 SAME_M = 1e-6  # pixels of two grids that are the same
+LAST_BYTES = 4096  # of a program's output, which an error quotes
+# of the environment, which a program gets
 VARIABLES = (
-    *("PATH", "HOME", "LANG", "USER", "TMPDIR", "LD_LIBRARY_PATH"),
-    *("CUDA_VISIBLE_DEVICES", "OMP_NUM_THREADS"),
+    "PATH",
+    "HOME",
+    "LANG",
+    "USER",
+    "TMPDIR",
+    "LD_LIBRARY_PATH",
+    "CUDA_VISIBLE_DEVICES",
+    "OMP_NUM_THREADS",
 )
 
 
@@ -67,10 +72,8 @@ def program_key(command: str, base: Path) -> list[str]:
     """Return the values that identify a foreign program: its command line, and the hash of each
     file that the command line names.
     base: folder of the benchmark file, where these files are looked for."""
-    return [
-        command,
-        *(content_hash(Path(word)) for word in words(command, base) if os.path.isfile(word)),
-    ]
+    files = [word for word in words(command, base) if os.path.isfile(word)]
+    return [command, *(content_hash(Path(file)) for file in files)]
 
 
 def take(
@@ -81,8 +84,7 @@ def take(
     file: the .npz file; method: id of the method; x_m [nx], y_m [ny]: the pixel centres that the
     map must have, metres; config: not used. Raises HandbenchError for a map that cannot be
     scored."""
-    depth, seconds = read_map(Path(file), method, PixelGrid(x_m, y_m))
-    _save(folder, depth, [] if seconds is None else [seconds])
+    _save(folder, *read_map(Path(file), method, PixelGrid(x_m, y_m)))
 
 
 def run(
@@ -92,26 +94,25 @@ def run(
     method: str,
     x_m: np.ndarray,
     y_m: np.ndarray,
-    limits: tuple[float, int],
+    limit_s: float,
     config: Any,
 ) -> None:
     """Let a foreign program image the first frame of a capture, and write its depth map into a
     stage's folder.
     command: the words of the command line, with placeholders {capture} and {depth}. x_m [nx], y_m
-    [ny]: the pixel centres that the map must have, metres. limits: seconds, and megabytes of
-    address space (0: no limit). The recorded time is that of the whole command. config: not used.
-    Raises HandbenchError if the program fails, takes too long, or writes no usable map."""
+    [ny]: the pixel centres that the map must have, metres. limit_s: longest duration, s. The
+    recorded time is that of the whole command. config: not used. Raises HandbenchError if the
+    program fails, takes too long, or writes no usable map."""
     data = open_capture(capture)
-    with ExitStack() as ending:
-        room = Path(tempfile.mkdtemp(prefix="handbench-foreign-"))
-        ending.callback(_delete, room)
-        echoes, file = room / "capture", room / "depth.npz"
+    with tempfile.TemporaryDirectory(
+        prefix="handbench-foreign-", ignore_cleanup_errors=True
+    ) as neutral:
+        echoes, file = Path(neutral, "capture"), Path(neutral, "depth.npz")
         save_echoes_folder(echoes, data.echoes(1), {"name": data.about.name, "kind": "other"})
-        places = {"{capture}": str(echoes), "{depth}": str(file)}
-        for name, place in places.items():
-            command = [word.replace(name, place) for word in command]
-        say(f"{data.about.name}: running {shlex.join(command)}")
-        seconds = _run(command, room, *limits)
+        filled = [
+            word.replace("{capture}", str(echoes)).replace("{depth}", str(file)) for word in command
+        ]
+        seconds = _run(filled, neutral, limit_s)
         if not file.is_file():
             raise HandbenchError(
                 "the command ended without an error but did not write {depth}; let it write an "
@@ -131,107 +132,90 @@ def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
     write_json(folder / TIMING, {"seconds": seconds})
 
 
-def _run(command: list[str], room: Path, limit_s: float, limit_mb: int) -> float:
-    """Run a command in the folder `room`, under a supervising process, and return its duration, s.
-    limit_s: longest duration, s; limit_mb: address space, megabytes (0: no limit). Raises
-    HandbenchError if the command is not found, takes too long, or ends with an error."""
-    environment = {name: value for name, value in os.environ.items() if name in VARIABLES}
-    if shutil.which(command[0], path=environment.get("PATH")) is None:
-        raise HandbenchError(
-            f"command: '{command[0]}' is not a program on this machine; give its path, or install "
-            "it"
-        )
-    above = str(os.getpid()), str(room), str(limit_mb * 2**20)
-    start = time.perf_counter()
-    with subprocess.Popen(
-        [sys.executable, "-IS", supervisor.__file__, *above, *command],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        cwd=room,
-        env=environment,
-        start_new_session=True,
-    ) as child:
+def _run(command: list[str], folder: str, limit_s: float) -> float:
+    """Run a command in a folder and return its duration, s. All processes of its process group are
+    killed at its end.
+    Raises HandbenchError if the command does not start, takes longer than limit_s, or ends with an
+    error."""
+    with tempfile.TemporaryFile() as output:
+        start = time.perf_counter()
         try:
-            code = child.wait(limit_s)  # its output is shorter than a pipe holds
+            child = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                cwd=folder,
+                env={name: value for name, value in os.environ.items() if name in VARIABLES},
+                start_new_session=True,
+                preexec_fn=partial(_end_with, os.getpid()),
+            )
+        except OSError as error:
+            raise HandbenchError(
+                f"command: '{command[0]}' does not start ({error.strerror}); give its path, or "
+                "install it"
+            ) from None
+        try:
+            code = child.wait(limit_s)
+            seconds = time.perf_counter() - start
         except subprocess.TimeoutExpired:
             raise HandbenchError(
                 f"the command took more than {limit_s:g} s and was stopped; make it faster, or "
                 "raise limit_s"
             ) from None
         finally:
-            _end(child)
-        seconds = time.perf_counter() - start
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
         if code != 0:
-            last = _last_line(child.stdout.read() if child.stdout else b"")
-            raise HandbenchError(f"the command ended with exit code {code}; its last line: {last}")
+            raise HandbenchError(
+                f"the command ended with exit code {code}; its last line: {_last_line(output)}"
+            )
     return seconds
 
 
-def _end(child: subprocess.Popen[bytes]) -> None:
-    """End the supervising process, which then kills the foreign program and everything that this
-    started."""
-    if child.poll() is None:
-        child.terminate()
-        child.send_signal(signal.SIGCONT)  # the program may have stopped it
-        late = threading.Timer(2 * supervisor.END_S, child.kill)
-        late.start()
-        child.wait()
-        late.cancel()
+def _end_with(parent: int) -> None:
+    """Let the system kill this process when the process with the id `parent` ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
 
 
-def _last_line(output: bytes) -> str:
-    lines = output.decode("utf-8", "replace").strip().splitlines()
-    text = lines[-1][:300] if lines else "none"
-    return "".join(letter if letter.isprintable() else " " for letter in text)
+def _last_line(output: BinaryIO) -> str:
+    """Return the last line of a file, without characters that cannot be printed."""
+    output.seek(max(output.seek(0, os.SEEK_END) - LAST_BYTES, 0))
+    lines = output.read().decode("utf-8", "replace").strip().splitlines() or ["none"]
+    return "".join(filter(str.isprintable, lines[-1]))[:300]
 
 
-def _delete(folder: Path) -> None:
-    """Delete the folder in which a foreign program ran.
-    If the program left something that cannot be deleted, such as immutable files or thousands of
-    nested folders, a message asks the user to delete it."""
-    with suppress(OSError, RecursionError):
-        if folder.exists():  # else the supervising process has deleted it
-            shutil.rmtree(folder)
-        return
-    say(f"{folder}: could not be deleted completely; delete it by hand")
-
-
-def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, float | None]:
-    """Read the depth map of a foreign method from an .npz file; return it with its computing time,
-    s (None if the file has none).
+def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, list[float]]:
+    """Read the depth map of a foreign method from an .npz file; return it with its computing times,
+    s ([] if the file has none).
     grid: the pixels that the map must have. Depths and amplitudes become float32. Raises
     HandbenchError for a map that cannot be scored, as one on another grid or without any depth."""
     content: dict[str, Any] = read_npz(
         file, ("x_m", "y_m", "z_m", "amplitude_db"), optional=("seconds",)
     )
-    seconds = content.pop("seconds", None)
-    given = DepthMap(**content, method=method).checked(file)
+    seconds = content.pop("seconds", np.zeros(0))
+    depth = DepthMap(**content, method=method).checked(file)
     for name, expected in (("x_m", grid.x_m), ("y_m", grid.y_m)):
-        found = content[name]
-        if found.shape != expected.shape or not np.allclose(found, expected, rtol=0, atol=SAME_M):
+        given = content[name]
+        if given.shape != expected.shape or np.abs(given - expected).max() > SAME_M:
             axis = f"{expected[0]:g} to {expected[-1]:g} m in {len(expected)} steps"
             raise HandbenchError(
                 f"{file}: {name} differs from the benchmark's grid, {axis}; compute the depth "
                 "map on this grid"
             )
-    with np.errstate(over="ignore"):  # too large a number becomes infinite, which is refused below
-        z_m, amplitude_db = (m.astype(np.float32) for m in (given.z_m, given.amplitude_db))
-    seen = np.isfinite(z_m)
-    if not seen.any():
+    far_m = np.abs(depth.z_m[np.isfinite(depth.z_m)]).max(initial=0)
+    if not 0 < far_m <= FAR_M:
         raise HandbenchError(
-            f"{file}: z_m has no depth at all, so it cannot be scored; write a depth for at least "
-            "one pixel"
+            f"{file}: z_m has depths up to {far_m:g}; expected metres, at most {FAR_M:g}, for at "
+            "least one pixel, and NaN for pixels without a depth"
         )
-    if (far_m := np.abs(z_m[seen]).max()) > FAR_M:
-        raise HandbenchError(
-            f"{file}: z_m has a depth of {far_m:g} m; check that the unit is metres"
-        )
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, amplitude_db, method).checked(file)
-    if seconds is None:
-        return depth, None
-    if seconds.shape != () or seconds.dtype.kind not in "fiu" or not 0 < seconds < np.inf:
+    positive = seconds.dtype.kind in "fiu" and ((seconds > 0) & (seconds < np.inf)).all()
+    if seconds.size > 1 or not positive:
         raise HandbenchError(
             f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all"
         )
-    return depth, float(seconds)
+    single = {name: content[name].astype(np.float32) for name in ("z_m", "amplitude_db")}
+    return DepthMap(grid.x_m, grid.y_m, **single, method=method), seconds.ravel().tolist()

@@ -169,11 +169,7 @@ def _foreign(bench: BenchFile, base: Path, capture: RunCapture, entry: MethodEnt
     if entry.command is not None:
         key = foreign.program_key(entry.command, base)
         given |= {"capture": str(capture.folder), "command": foreign.words(entry.command, base)}
-        limit_mb = foreign.LIMIT_MB if entry.limit_mb is None else entry.limit_mb
-        given |= {
-            "limits": (entry.limit_s or foreign.LIMIT_S, limit_mb),
-            "config": {"command": entry.command},
-        }
+        given |= {"limit_s": entry.limit_s or foreign.LIMIT_S, "config": {"command": entry.command}}
     else:
         folder = inside(base, entry.maps or "", "method.maps")
         file = inside(folder, f"{capture.name}.npz", "method.maps")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.equal_treatment import treated_figures
+from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
 from handbench.bench.evaluation.metrics import over_frames
 
 NAN = np.nan
@@ -18,6 +18,12 @@ def test_errors_stand_on_the_pixels_that_all_see():
     assert (b["mae_mm"], b["bias_mm"]) == pytest.approx(((3 + 7 + 1) / 3, (-3 + 7 + 1) / 3))
     assert b["max_mm"] == pytest.approx(7)
     assert a["common_percent"] == b["common_percent"] == pytest.approx(60)
+
+
+@pytest.mark.parametrize(("pixels", "takes_part"), [(0, False), (3, False), (4, True)])
+def test_a_map_of_under_one_percent_does_not_decide_the_others_common_pixels(pixels, takes_part):
+    few = np.where(np.arange(400) < pixels, 0.301, NAN).reshape(20, 20)
+    assert ("few" in taking_part({"few": few}, np.full((20, 20), 0.3))) == takes_part
 
 
 def test_nothing_in_common_and_no_surface_are_not_figures():

@@ -5,9 +5,12 @@ import shutil
 import subprocess
 import sys
 import textwrap
+import time
+from contextlib import suppress
 
 import h5py
 import numpy as np
+import psutil
 import pytest
 
 from handbench.bench.datasets.native import CaptureFile, NativeCapture, save_capture_file
@@ -41,13 +44,25 @@ def capture(tmp_path):
 
 def image(capture, tmp_path, program, limit_s=600.0):
     """The depth map that a program leaves."""
-    lines = "import os, sys, time\nimport numpy as np\n" + textwrap.dedent(program)
-    (tmp_path / "mine.py").write_text(lines)
+    (tmp_path / "mine.py").write_text(
+        "import os, subprocess, sys, time\n" + textwrap.dedent(program)
+    )
     command = foreign.words(f"{sys.executable} mine.py {{capture}} {{depth}}", tmp_path)
-    made, limits = tmp_path / "stage", (limit_s, 0)
+    made = tmp_path / "stage"
     made.mkdir()
-    foreign.run(made, command, str(capture.folder), "mine", GRID.x_m, GRID.y_m, limits, {})
+    foreign.run(made, command, str(capture.folder), "mine", GRID.x_m, GRID.y_m, limit_s, {})
     return load_depthmap(made / DEPTH)
+
+
+def ends(process: int) -> bool:
+    """Whether a process ends within five seconds."""
+    for _ in range(100):
+        with suppress(psutil.NoSuchProcess):
+            if psutil.Process(process).status() != psutil.STATUS_ZOMBIE:
+                time.sleep(0.05)
+                continue
+        return True
+    return False
 
 
 def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, monkeypatch):
@@ -55,6 +70,7 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
     seen = tmp_path / "seen.txt"
     program = f"""
         import h5py
+        import numpy as np
         with h5py.File(sys.argv[1] + "/echoes.h5") as file:
             np.save({str(tmp_path / "samples.npy")!r}, file["samples"][:])
         text = open(sys.argv[1] + "/capture.toml").read()
@@ -74,11 +90,53 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
     assert np.all(depth.z_m == np.float32(0.3)) and depth.method == "mine"
 
 
-@pytest.mark.parametrize("program", ["sys.exit('no antenna')", "pass", "time.sleep(1000)"])
-def test_a_program_that_fails_or_hangs_is_one_line(capture, tmp_path, program):
+@pytest.mark.parametrize(
+    ("program", "reason"),
+    [
+        ("print('x' * 10**6)\nprint('many')\nsys.exit('no \x1b antenna')", "no antenna"),
+        ("pass", "{depth}"),
+        ("os.kill(os.getpid(), 9)", "-9"),
+    ],
+)
+def test_a_program_that_fails_is_one_line_with_its_last_one(capture, tmp_path, program, reason):
     with pytest.raises(HandbenchError) as error:
-        image(capture, tmp_path, program, limit_s=2.0 if "sleep" in program else 600.0)
-    assert "\n" not in str(error.value)
+        image(capture, tmp_path, program)
+    assert reason in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_program_that_is_not_there_is_one_line(tmp_path):
+    with pytest.raises(HandbenchError, match="'nonesuch'"):
+        foreign._run(["nonesuch"], str(tmp_path), 1.0)
+
+
+HANG = """
+child = subprocess.Popen(["sleep", "1000"])
+with open({file!r}, "w") as file:
+    print(os.getpid(), child.pid, flush=True, file=file)
+time.sleep(1000)
+"""
+
+
+def test_a_program_that_hangs_ends_at_the_limit_with_its_children(capture, tmp_path):
+    with pytest.raises(HandbenchError, match="limit_s"):
+        image(capture, tmp_path, HANG.format(file=str(tmp_path / "ids")), limit_s=2.0)
+    assert all(ends(int(process)) for process in (tmp_path / "ids").read_text().split())
+
+
+def test_a_killed_handbench_leaves_no_program(tmp_path):
+    (tmp_path / "mine.py").write_text("import os, subprocess, time\n" + HANG.format(file="ids"))
+    command = [sys.executable, str(tmp_path / "mine.py")]
+    code = (
+        f"from handbench.bench.run import foreign; foreign._run({command}, {str(tmp_path)!r}, 60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as handbench:
+        while not (file := tmp_path / "ids").exists() or not file.read_text().endswith("\n"):
+            assert handbench.poll() is None
+            time.sleep(0.05)
+        handbench.kill()
+    program, child = (int(process) for process in file.read_text().split())
+    psutil.Process(child).kill()
+    assert ends(program)
 
 
 @pytest.mark.parametrize(
@@ -88,8 +146,10 @@ def test_a_program_that_fails_or_hangs_is_one_line(capture, tmp_path, program):
         {"z_m": np.ones((5, 3))},
         {"z_m": np.full(GRID.shape, np.nan)},
         {"z_m": np.full(GRID.shape, 300.0)},
+        {"z_m": np.array([print])},
+        {"seconds": np.array("soon")},
     ],
-    ids=["moved", "turned", "empty", "millimetres"],
+    ids=["moved", "turned", "empty", "millimetres", "code", "seconds"],
 )
 def test_maps_that_cannot_be_scored_are_refused(tmp_path, changed):
     z_m, amplitude_db = np.full(GRID.shape, 0.3), np.zeros(GRID.shape)
@@ -143,6 +203,8 @@ def test_they_are_scored_beside_our_own(folder):
     ("old", "new"),
     [
         ('id = "given"', 'id = "3fsk"'),
+        ('id = "given"', 'id = "3-FSK"'),
+        ('id = "given"', 'id = "Ｔruth"'),
         ('maps = "maps"', 'maps = "maps"\ncommand = "a {capture} {depth}"'),
         ('maps = "maps"', 'command = "mine {capture}"'),
     ],
@@ -152,3 +214,10 @@ def test_entries_that_cannot_work_are_refused(folder, old, new):
     file.write_text(file.read_text().replace(old, new))
     with pytest.raises(HandbenchError):
         load_benchmark(str(file))
+
+
+def test_a_link_out_of_the_folder_of_maps_is_refused(folder, capsys):
+    (folder / "maps" / "ball.npz").rename(folder / "elsewhere.npz")
+    (folder / "maps" / "ball.npz").symlink_to(folder / "elsewhere.npz")
+    main(["run", str(folder / "bench.toml"), "-o", str(folder / "result")])
+    assert "is outside the folder" in capsys.readouterr().err
