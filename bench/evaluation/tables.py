@@ -77,7 +77,7 @@ TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "s
 COMPARISONS = SCHEMAS["comparisons"]
 EQUAL, MOTION = SCHEMAS["equal"], SCHEMAS["motion"]
 DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
-SETTINGS, RELIABILITY = SCHEMAS["settings"], SCHEMAS["reliability"]
+RELIABILITY = SCHEMAS["reliability"]
 
 
 def frame(

@@ -2,5 +2,5 @@
 scores (`score`).
 
 Each step is a file of its own, so that an edit of one recomputes only its own results. The command
-line, the Python interface, the runner of benchmarks and the trade-off call them.
+line, the Python interface, and the runner of benchmarks call them.
 """

@@ -49,15 +49,6 @@ from handbench.bench.results.result_folder import (
     write_config,
     write_tables,
 )
-from handbench.bench.results.tradeoff import (
-    Claim,
-    Section,
-    Setting,
-    Tradeoff,
-    TradeoffFacts,
-    load_tradeoff,
-    write_tradeoff,
-)
 
 __all__ = [
     "HEADLINE",
@@ -75,12 +66,3 @@ __all__ += ["LEVEL", "each", "metric_facts"]
 __all__ += ["ErrorMap", "Frames", "SurfaceMap", "depth_path", "errors_path", "read_errors"]
 __all__ += ["write_errors", "write_frames", "write_photo", "write_surface"]
 __all__ += ["TABLES", "Result", "load", "write_about", "write_config", "write_tables"]
-__all__ += [
-    "Claim",
-    "Section",
-    "Setting",
-    "Tradeoff",
-    "TradeoffFacts",
-    "load_tradeoff",
-    "write_tradeoff",
-]

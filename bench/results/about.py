@@ -93,10 +93,12 @@ class CaptureFacts(Config):
 
 
 class MethodFacts(Config):
-    """One method of a result: id, title, and its complete configuration on each capture."""
+    """One method of a result: its name, title, id (the same for several settings of one method),
+    and its complete configuration on each capture."""
 
     name: Name
     title: str
+    id: str = ""
     config: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")

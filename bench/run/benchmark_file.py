@@ -1,19 +1,31 @@
 """Benchmark files: which captures are imaged by which methods, and the protocol that scores the
-depth maps."""
+depth maps.
+
+A method with a `sweep` is one method for each combination of the listed values:
+
+    [[method]]
+    id = "broadband"
+    config = { tolerance = 1e-3 }
+    sweep = { "z.step_m" = [1e-3, 2e-3], every_nth_antenna = [1, 2] }
+"""
 
 import shlex
+from collections.abc import Iterator, Sequence
+from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
+from handbench.bench.evaluation.metrics import TITLES
 from handbench.bench.results.about import MEASURES, Measure, name_problem
-from handbench.bench.run.sweep import TradeoffSweep, imaging_settings, known_configs
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
+from handbench.groundtruth.photos.photos import FEWEST
 from handbench.radar.methods.registry import method, methods
-from handbench.support.config import Config, Name, checked_name, load, suggest
+from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_folder
 from handbench.support.limits import MOST_TABLES
@@ -22,7 +34,9 @@ EMBEDDED = Path(__file__).parent / "benchmarks"
 FOLDER = Path(__file__).with_name("folder.toml")  # the benchmark of a folder of captures
 PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file to write
 EXAMPLE = "python mine.py {capture} {depth}"
-
+UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"), ("_px", 1, "px"))  # of swept values, in names
+ANTENNAS = "every_nth_antenna"
+MOST_VALUES = 30  # of one parameter of photogrammetry
 
 Item = TypeVar("Item")
 
@@ -125,11 +139,26 @@ class DataSet(Config):
         return tuple(Source(path=path, measures=self.measures) for path in paths)
 
 
+class GroundTruthSweep(Config):
+    """Settings of the photogrammetric reconstruction that are compared: all combinations of the
+    listed values.
+    quality: as for `handbench groundtruth`. views: number of photographs, chosen evenly. long_px:
+    their longer side, pixels, to which they are shrunk."""
+
+    quality: tuple[Quality, ...] = Field(min_length=1)
+    views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(
+        min_length=1, max_length=MOST_VALUES
+    )
+    long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(min_length=1, max_length=MOST_VALUES)
+
+
 class GroundTruth(Config):
     """Options of the photogrammetric reconstruction that turns the captures' photographs into
-    meshes. Those of a calibration target are always reconstructed at draft quality."""
+    meshes. Those of a calibration target are always reconstructed at draft quality. sweep: settings
+    to compare on the first capture that has photographs, a true surface and its transform."""
 
     quality: Quality = "draft"
+    sweep: GroundTruthSweep | None = None
 
 
 class MethodEntry(Config):
@@ -137,6 +166,10 @@ class MethodEntry(Config):
     (`config`).
     precision = true: measure its precision too. every_nth_antenna: use only every n-th transmitter
     and every n-th receiver, in the order of the echo file.
+    name: how the tables call it, if not by its id; methods with the same id need different names.
+    title: the name for readers. sweep: parameter → values, of which all combinations are measured.
+    A dot leads into a table ("z.step_m"); parameters that change together share a key, separated by
+    commas ("x.step_m,y.step_m").
 
     A foreign method, which is not part of handbench, has one of two fields. `maps` is a folder with
     a depth map CAPTURE.npz for each capture, relative to the benchmark file. `command` is a command
@@ -145,12 +178,20 @@ class MethodEntry(Config):
     """
 
     id: str
+    name: Name | None = None
+    title: str | None = None
     config: dict[str, Any] = Field(default_factory=dict)
+    sweep: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)
     precision: bool = False
     every_nth_antenna: int = Field(default=1, ge=1, le=MOST_TABLES)
     maps: str | None = None
     command: str | None = None
     limit_s: float | None = Field(default=None, gt=0, le=1e7)  # 115 days
+
+    @property
+    def label(self) -> str:
+        """The name of the method in all tables: `name`, or the id."""
+        return self.name or self.id
 
     @property
     def foreign(self) -> bool:
@@ -167,10 +208,10 @@ class MethodEntry(Config):
         if not self.foreign:
             return self
         checked_name(self.id)
-        if self.config or self.precision or self.every_nth_antenna > 1:
+        if self.config or self.sweep or self.precision or self.every_nth_antenna > 1:
             raise ValueError(
-                f"{where}: is a method from outside handbench, to which config, precision and "
-                "every_nth_antenna do not apply; leave these keys out"
+                f"{where}: is a method from outside handbench, to which config, sweep, precision "
+                "and every_nth_antenna do not apply; leave these keys out"
             )
         if self.command is not None:
             if not self.command.isprintable():
@@ -193,8 +234,8 @@ class MethodEntry(Config):
 
 
 class BenchFile(Config):
-    """Content of a benchmark file: the captures, the methods, how they are measured and scored, and
-    which settings a trade-off varies."""
+    """Content of a benchmark file: the captures, the methods, and how they are measured and
+    scored."""
 
     version: Literal[1]
     name: Name
@@ -202,6 +243,9 @@ class BenchFile(Config):
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     frames: int = Field(
         default=1, ge=1, le=1000, description="frames for the accuracy; the figures are the first's"
+    )
+    rounds: int = Field(
+        default=1, ge=1, le=100, description="how often each image is timed, in shuffled order"
     )
     phase_noise_rad: float | None = Field(
         default=None, ge=0, description="replaces the noise of every scene"
@@ -219,9 +263,6 @@ class BenchFile(Config):
     )
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
-    tradeoff: TradeoffSweep | None = Field(
-        default=None, description="what `handbench tradeoff` sweeps"
-    )
 
     @field_validator("calibration", mode="before")
     @classmethod
@@ -248,14 +289,6 @@ class BenchFile(Config):
                 "a capture measures only the precision, but no method has precision = true; add "
                 "this to a method"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _known_methods(self) -> "BenchFile":
-        ids = [entry.id for entry in self.method]
-        for entry in self.method:
-            if ids.count(entry.id) > 1:
-                raise ValueError(f"method '{entry.id}' is listed twice; list it once")
         return self
 
     def frames_of(self, source: Source) -> int:
@@ -293,24 +326,154 @@ def find_benchmark(name: str) -> Path:
     )
 
 
-def load_benchmark(name: str) -> tuple[BenchFile, Path]:
+def load_benchmark(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]:
     """Read and check a benchmark file; return its content and the folder to which its paths are
     relative.
     name: a file, the name of a benchmark that is installed with handbench, or a folder of captures.
-    The configuration of every method is checked. Data sets and persons are expanded, so that
-    `capture` lists every single capture. Raises HandbenchError for a file that is missing or
-    wrong."""
+    only: labels of the methods to keep (none: all). The configuration of every method is checked.
+    Sweeps, data sets and persons are expanded, so that `method` and `capture` list every single
+    one. Raises HandbenchError for a file that is missing or wrong, and for an unknown label."""
     path = find_benchmark(name)
     base = Path(name) if path == FOLDER else path.parent
     bench = load(BenchFile, path, "a benchmark description")
-    bench = bench.model_copy(
-        update={"method": tuple(checked_entry(entry, path) for entry in bench.method)}
-    )
-    if bench.tradeoff is not None:
-        imaging_settings(bench.tradeoff, known_configs(bench.method))
     found = tuple(source for dataset in bench.dataset or () for source in dataset.sources(base))
-    sources = (*(one for source in bench.capture for one in source.each()), *found)
-    return bench.model_copy(update={"dataset": None, "capture": sources}), base
+    update = {
+        "method": expanded(bench.method, path),
+        "dataset": None,
+        "capture": (*(one for source in bench.capture for one in source.each()), *found),
+    }
+    return _only(bench.model_copy(update=update), only), base
+
+
+def load_tradeoff(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]:
+    """Read a benchmark file like `load_benchmark`, to measure accuracy against time.
+    A benchmark without any sweep gets the methods and rounds of the installed benchmark
+    "tradeoff", with its own settings of these methods where the sweep sets no others. Only captures
+    for the accuracy are kept. If all are scenes, which have a true surface, no photographs are
+    reconstructed: only the first scene has some, and only for a sweep of the ground truth."""
+    bench, base = load_benchmark(name)
+    if bench.groundtruth.sweep is None and all(entry.label == entry.id for entry in bench.method):
+        default, _ = load_benchmark("tradeoff")
+        configs = {entry.id: entry.config for entry in bench.method}
+        entries = (
+            entry.model_copy(update={"config": configs.get(entry.id, {}) | entry.config})
+            for entry in default.method
+        )
+        bench = bench.model_copy(update={"method": tuple(entries), "rounds": default.rounds})
+    sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
+    if all(source.scene is not None for source in sources):
+        count = 0 if bench.groundtruth.sweep is None else 1
+        without = (source.model_copy(update={"photos": False}) for source in sources[count:])
+        sources = (*sources[:count], *without)
+        bench = bench.model_copy(update={"calibration": ()})
+    return _only(bench.model_copy(update={"capture": sources}), only), base
+
+
+def _only(bench: BenchFile, labels: Sequence[str]) -> BenchFile:
+    """Return the benchmark with the methods of these labels, or all of them if there are no labels.
+    Raises HandbenchError for an unknown label."""
+    known = [entry.label for entry in bench.method]
+    for label in labels:
+        if label not in known:
+            raise HandbenchError(
+                f"--only: benchmark '{bench.name}' has no method '{label}'; {suggest(label, known)}"
+            )
+    kept = tuple(entry for entry in bench.method if not labels or entry.label in labels)
+    return bench.model_copy(update={"method": kept})
+
+
+def expanded(entries: Sequence[MethodEntry], path: Path) -> tuple[MethodEntry, ...]:
+    """Check the methods of a benchmark file, and return one entry for each combination of their
+    swept values, with its own name, title and complete configuration.
+    path: the benchmark file. Raises HandbenchError for what `checked_entry` refuses, for two
+    entries with the same label, and for more than MOST_TABLES entries."""
+    count = sum(prod(map(len, entry.sweep.values())) for entry in entries)
+    if count > MOST_TABLES:
+        raise HandbenchError(
+            f"{path}: its sweeps make {count} methods; expected at most {MOST_TABLES}; list fewer "
+            "values"
+        )
+    settings = tuple(
+        checked_entry(setting, path) for entry in entries for setting in _combinations(entry, path)
+    )
+    labels = [setting.label for setting in settings]
+    if twice := next((label for label in labels if labels.count(label) > 1), None):
+        raise HandbenchError(
+            f"{path}: method '{twice}' is listed twice; list it once, or give it another name "
+            '(name = "…")'
+        )
+    return settings
+
+
+def _combinations(entry: MethodEntry, path: Path) -> Iterator[MethodEntry]:
+    """Yield one entry for each combination of the swept values of a method."""
+    where = f"{path}: method '{entry.label}'"
+    for values in product(*entry.sweep.values()):
+        swept = dict(zip(entry.sweep, values, strict=True))
+        words = [_words(keys, value) for keys, value in swept.items()]
+        changes = {key.strip(): value for keys, value in swept.items() for key in keys.split(",")}
+        every = changes.pop(ANTENNAS, entry.every_nth_antenna)
+        config = entry.config
+        for key, value in changes.items():
+            resolved = method(entry.id).configure(config, where).model_dump(mode="json")
+            config = _with(config, key, value, resolved, f"{where}: sweep")
+        title = entry.title or entry.name or TITLES.get(entry.id, entry.id)
+        update = {
+            "title": ", ".join([title, *(text.replace("_", " ") for text in words)]),
+            "config": config,
+            ANTENNAS: every,
+            "sweep": {},
+        }
+        if words:
+            update["name"] = "-".join([entry.label, *words]).replace(" ", "-")
+        # checked again: the values of a list have any type
+        yield parse(MethodEntry, entry.model_dump() | update, where)
+
+
+def _with(
+    config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any], where: str
+) -> dict[str, Any]:
+    """Return a copy of a method's configuration with one parameter changed.
+    key: the parameter; a dot leads into a table, as in z.step_m. resolved: the configuration with
+    all values, from which the rest of that table is copied. Raises HandbenchError if the key leads
+    into something that is not a table."""
+    first, _, inner = key.partition(".")
+    if not inner:
+        return {**config, first: value}
+    table = resolved.get(first)
+    if not isinstance(table, dict):
+        raise HandbenchError(
+            f"{where}: '{key}' is inside '{first}', which is not a table of the method; correct "
+            "the key"
+        )
+    return {**config, first: _with(table, inner, value, table, where)}
+
+
+def _words(keys: str, value: Any) -> str:
+    """Describe a swept value in a few words for names: "z.step_m", 2e-3 → "z.step 2mm". Parameters
+    that change together become one word, such as xyz.step."""
+    if keys == ANTENNAS:
+        return f"1 of {value} antennas"
+    names = [key.strip() for key in keys.split(",")]
+    tables, leaves = zip(*(name.rpartition(".")[::2] for name in names), strict=True)
+    together = all(tables) and len(set(leaves)) == 1
+    words = f"{''.join(tables)}.{leaves[0]}" if together else "+".join(names)
+    suffix, scale, unit = next((u for u in UNITS if words.endswith(u[0])), ("", 1, ""))
+    words = "+".join(word.removesuffix(suffix) for word in words.split("+"))
+    return f"{words} {_short(value, scale)}{unit}"
+
+
+def _short(value: Any, scale: float) -> str:
+    """Write a value, multiplied by `scale`, with as few characters as possible: 0.001 → 1e-3."""
+    if isinstance(value, dict):
+        return "_".join(_short(inner, 1) for inner in value.values())
+    if isinstance(value, list | tuple):
+        return "_".join(_short(inner, scale) for inner in value)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    mantissa, _, exponent = f"{value * scale:.12e}".partition("e")
+    short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
+    return min(f"{value * scale:.12g}", short, key=len)
 
 
 def require_clear(name: str, where: str, own: str = "") -> str:
@@ -327,9 +490,11 @@ def require_clear(name: str, where: str, own: str = "") -> str:
 def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
     """Check a method of a benchmark file, and return it unchanged.
     path: the benchmark file. Raises HandbenchError for an unknown method, a wrong configuration, a
-    foreign method with the id of one of handbench's, or a missing folder of depth maps."""
-    where = f"{path}: method '{entry.id}'"
-    require_clear(entry.id, where, entry.id)
+    foreign method with the id of one of handbench's, a misleading name, or a missing folder of
+    depth maps."""
+    where = f"{path}: method '{entry.label}'"
+    for name in (entry.label, entry.title or entry.label):
+        require_clear(name, where, entry.id if entry.label == entry.id else "")
     if not entry.foreign:
         method(entry.id).configure(entry.config, where)
     elif entry.id in {known.id for known in methods()}:

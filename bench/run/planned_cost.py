@@ -7,7 +7,6 @@ days.
 """
 
 from collections.abc import Iterable
-from itertools import product
 from math import prod
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from handbench.bench.pipeline.image import configured
 from handbench.bench.run.benchmark_file import BenchFile, Origin, Source
 from handbench.bench.run.jobs import scene_of
 from handbench.bench.run.photogrammetry import TARGET_QUALITY
-from handbench.bench.run.sweep import ImagingSetting, TradeoffSweep
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import BASE_BYTES, EFFORT_SHARES, predict_effort
 from handbench.radar.methods.advice import requested_tones_hz
@@ -66,35 +64,6 @@ def of_run(bench: BenchFile, base: Path) -> dict[Part, Work]:
     for source in (*bench.capture, *bench.calibration):
         predicted |= _of_capture(bench, base, source)
     return predicted
-
-
-def of_sweep(
-    bench: BenchFile, base: Path, sweep: TradeoffSweep, settings: Iterable[ImagingSetting]
-) -> dict[str, Work]:
-    """Predict processor time and peak memory of a trade-off: "captures", which are opened or
-    simulated first, and each section.
-    base: folder to which the benchmark's paths are relative; settings: those of imaging. Exact
-    images cost no more than fast ones here, because the trade-off sums only a few of their planes.
-    The sections other than imaging are predicted roughly."""
-    sources = bench.capture
-    configs = [
-        (method(s.method).configure(s.config, s.name), CHANNELS / s.every_nth_antenna**2)
-        for s in settings
-    ]
-    images = [imaging(config, channels, sweep.repeats, exact=False) for config, channels in configs]
-    photos = sweep.groundtruth
-    meshes = [
-        predict_effort(views, views * MEGAPIXELS_PER_PX2 * long_px**2, quality)
-        for views, long_px, quality in product(photos.views, photos.long_px, photos.quality)
-    ]
-    sections = {
-        "imaging": one_after_another(images * len(sources)),
-        "groundtruth": one_after_another(Work(core_s, bytes_) for core_s, bytes_ in meshes),
-    }
-    opened = of_run(bench.model_copy(update={"method": ()}), base).values()
-    return {"captures": one_after_another(opened)} | {
-        name: sections[name] for name in sweep.sections
-    }
 
 
 def imaging(

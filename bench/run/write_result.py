@@ -14,7 +14,7 @@ from handbench.bench import results
 from handbench.bench.evaluation.floor import budget
 from handbench.bench.evaluation.intervals import note
 from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
-from handbench.bench.evaluation.metrics import TITLES, pool
+from handbench.bench.evaluation.metrics import pool
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results import (
@@ -185,8 +185,9 @@ def about(outcome: Outcome, on: CommonSubset, captures: tuple[CaptureFacts, ...]
         captures=captures,
         methods=tuple(
             MethodFacts(
-                name=entry.id,
-                title=TITLES.get(entry.id, entry.id),
+                name=entry.label,
+                id=entry.id,
+                title=entry.title or entry.label,
                 config={
                     c.name: outcome.configs[c.name, entry.id]
                     for c in on.all_captures

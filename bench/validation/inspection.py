@@ -10,7 +10,6 @@ from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment,
 from handbench.bench.datasets.native import DESCRIPTION
 from handbench.bench.datasets.ti import is_ti_raw, read_raw
 from handbench.bench.results import load as load_result
-from handbench.bench.results import load_tradeoff
 from handbench.bench.run.benchmark_file import find_benchmark, load_benchmark
 from handbench.bench.validation.benchmark_problems import benchmark_problems, scene_problems
 from handbench.bench.validation.capture_problems import (
@@ -115,7 +114,7 @@ def _captures(path: Path) -> Found[Sequence[Path]]:
 
 
 def _is_result(folder: Path) -> bool:
-    return any((folder / name).is_file() for name in ("result.json", "tradeoff.json"))
+    return (folder / "result.json").is_file()
 
 
 def _is_raw(folder: Path) -> bool:
@@ -127,8 +126,8 @@ def problems_of(
 ) -> Iterator[Problem]:
     """Yield the problems of one input that can be found without imaging.
 
-    name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, a result
-    or a trade-off), the name of a benchmark, or the file of a benchmark, a scene, a target, a
+    name: a folder (a capture, several captures, photographs, a raw capture of a TI radar, or a
+    result), the name of a benchmark, or the file of a benchmark, a scene, a target, a
     board, a depth map, a mesh, echoes, cameras, an array's calibration or a transform. mesh,
     transform: for a depth map, the surface that it shows, and the transform of this surface to the
     radar frame.
@@ -161,11 +160,9 @@ def problems_of(
 
 def _folder(path: Path) -> Iterator[Problem]:
     """Yield the problems of a folder. Prints what a single capture can be used for."""
-    if (path / "result.json").is_file():
+    if _is_result(path):
         result = yield from attempt(path, partial(load_result, path))
         yield from warnings_at(path, result_warnings(result) if result else ())
-    elif _is_result(path):
-        yield from attempt(path, partial(load_tradeoff, path))
     elif is_native(path):
         facts = yield from capture_problems(path, scored=False)
         if facts.use:

@@ -86,6 +86,11 @@ def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | No
     return values
 
 
+def names(text: str | None) -> tuple[str, ...]:
+    """Return the names that an option's text lists, separated by commas; none for None."""
+    return tuple(name.strip() for name in text.split(",")) if text else ()
+
+
 def set_values(values: dict[str, Any], settings: Sequence[str], example: str) -> None:
     """Set values by the texts KEY=VALUE of the option --set, in the dictionary `values`.
     A dot in a key leads into a table. example: a correct KEY=VALUE, for messages. Raises

@@ -20,11 +20,6 @@ def run(options: argparse.Namespace) -> None:
             "and is not overwritten; choose another folder for -o"
         )
     if len(options.results) == 1:
-        print(f"report: {html.build(options.results[0], options.out, options.tradeoff)}")
+        print(f"report: {html.build(options.results[0], options.out)}")
         return
-    if options.tradeoff is not None:
-        raise HandbenchError(
-            "--tradeoff: works with one result folder only; leave --tradeoff out, or report each "
-            "result separately"
-        )
     print(f"report: {several.build(options.results, options.out)}")

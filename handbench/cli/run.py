@@ -10,9 +10,10 @@ def run(options: argparse.Namespace) -> str:
     Returns a summary."""
     from handbench.bench.run import runner
     from handbench.bench.run.benchmark_file import load_benchmark
+    from handbench.cli.options import names
     from handbench.reports.tables.result_tables import show
 
-    bench, base = load_benchmark(options.bench)
+    bench, base = load_benchmark(options.bench, names(options.only))
     command = f"handbench run {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
     show(result)

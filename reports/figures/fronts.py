@@ -1,92 +1,81 @@
-"""Pictures of a trade-off: error against time of every setting, with those that no other beats (the
-front)."""
+"""Pictures of accuracy against time: every setting of the methods, with those that no other beats
+(the front)."""
 
 from collections.abc import Iterator
 from itertools import groupby
 from textwrap import wrap
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from handbench.bench.results import HEADLINE, Section, Setting, Tradeoff
-from handbench.reports.figures.style import (
-    COLUMN_IN,
-    INK,
-    DrawnMethod,
-    Picture,
-    drawn_methods,
-    log_axis,
-    narrow,
-    nth_style,
-)
-from handbench.reports.tables.blocks import error_text, is_known, seconds_text
+from handbench.bench.evaluation.front import SURFACE, front, fronts
+from handbench.bench.evaluation.metrics import METRICS
+from handbench.bench.results import Result
+from handbench.reports.figures.style import COLUMN_IN, INK, Picture, drawn_methods, log_axis, narrow
+from handbench.reports.tables.blocks import figure
 
 LINE_IN = 0.165  # of a legend
 LABEL_SHARE = np.array([0.05, 0.03])  # of the axes' width and height that a label takes
 
 
-def pictures(found: Tradeoff) -> Iterator[Picture]:
-    """Yield the pictures of a trade-off: for each section, such as imaging or ground truth, error
-    against time of its settings."""
-    for about in found.facts.sections:
-        settings = found.section(about.name)
-        if any(is_plottable(setting) for setting in settings):
-            yield front(about, settings)
+def is_swept(result: Result) -> bool:
+    """Tell whether a result compares several settings of a method, or of the ground truth."""
+    ids = [method.id for method in result.about.methods]
+    return len(set(ids)) < len(ids) or SURFACE in set(result.scores.metric)
 
 
-def is_plottable(setting: Setting) -> bool:
-    """Tell whether a setting's error and time are known and above zero, so that it can be drawn on
-    logarithmic axes."""
-    return bool(setting.error and setting.seconds and setting.error > 0 and setting.seconds > 0)
+def ranked_methods(result: Result) -> dict[str, pd.DataFrame]:
+    """Return the ranked settings of a result for each error: see `front.fronts`."""
+    ids = {method.name: method.id for method in result.about.methods}
+    return fronts(result.table, result.scores, ids)
 
 
-def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
-    """Plot the error over the seconds of computing for all settings in one part of a trade-off,
-    for example those of imaging.
-    Settings that no other beats (the front) are numbered points, the others are faint, and the
-    reference setting is in a square. If settings have a method, they have its colour and marker."""
-    shown = [s for s in settings if is_plottable(s)]
-    best = sorted((s for s in shown if s.on_front), key=lambda s: s.seconds)
-    # some settings have no method
-    names = dict.fromkeys(s.method for s in shown)
-    methods = drawn_methods({name: name for name in names if name})
-    if "" in names:
-        methods[""] = DrawnMethod("", "setting", *nth_style(0))
+def pictures(result: Result) -> Iterator[Picture]:
+    """Yield a picture of error against time for each error of a result: of depth maps, and of
+    reconstructed surfaces."""
+    titles, ids = result.about.method_titles, {m.name: m.id for m in result.about.methods}
+    for metric, settings in ranked_methods(result).items():
+        named = settings.assign(
+            title=[titles.get(name, name) for name in settings.index],
+            id=[ids.get(name, "") for name in settings.index],
+        )
+        yield draw(metric, named)
+
+
+def draw(metric: str, settings: pd.DataFrame) -> Picture:
+    """Plot the error over the seconds of all settings, on logarithmic axes.
+    metric: that of the error; settings: ranked, with `title` and `id` ("": no method). Settings on
+    the front are numbered points, the others are faint."""
+    best = front(settings)
+    methods = drawn_methods({id: id or "setting" for id in dict.fromkeys(settings.id)})
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
-    lines = [f"{i}  " + "\n     ".join(wrap(s.title, 46)) for i, s in enumerate(best, 1)]
+    lines = [f"{i}  " + "\n     ".join(wrap(title, 46)) for i, title in enumerate(best.title, 1)]
     rows = sum(text.count("\n") + 1 for text in lines) / abreast + 1
-    rows += (len(names) + 2) / of_styles
+    rows += (len(methods) + 2) / of_styles
     picture = Figure(figsize=(wide_in, high_in + LINE_IN * rows), layout="constrained")
     axis = picture.subplots()
-    line = [s for i, s in enumerate(best) if all(s.error < before.error for before in best[:i])]
-    axis.plot(
-        [s.seconds for s in line], [s.error for s in line], color=INK, linewidth=1.2, zorder=2
-    )
-    for s in shown:
-        bold = (
+    line = best[best.error < best.error.cummin().shift(fill_value=np.inf)]
+    axis.plot(line.seconds, line.error, color=INK, linewidth=1.2, zorder=2)
+    for _, s in settings.iterrows():
+        looks = (
             {"markersize": 6, "zorder": 3}
             if s.on_front
             else {"markersize": 4, "alpha": 0.4, "fillstyle": "none"}
         )
         bounds = (s.seconds, s.seconds_low, s.seconds_high), (s.error, s.low, s.high)
-        methods[s.method].draw_point(axis, *bounds, elinewidth=0.7, linestyle="none", **bold)
-    reference = next((s for s in settings if s.name == about.reference), None)
-    if reference in shown:
-        axis.plot(
-            reference.seconds,
-            reference.error,
-            "s",
-            color=INK,
-            fillstyle="none",
-            markersize=12,
-            zorder=4,
-        )
+        methods[s.id].draw_point(axis, *bounds, elinewidth=0.7, linestyle="none", **looks)
     log_axis(axis, "x", "y")
     axis.margins(0.1)
-    axis.set(xlabel="seconds", ylabel=f"{metric_words(about)} in {about.unit}")
-    handles = _legend([methods[name] for name in names], reference in shown)
+    title, unit = METRICS[metric].title, METRICS[metric].unit
+    axis.set(xlabel="seconds", ylabel=f"{title} in {unit}")
+    handles = [
+        Line2D([], [], color=m.colour, marker=m.marker, linestyle="none", label=m.title)
+        for m in methods.values()
+    ]
+    handles.append(Line2D([], [], color=INK, marker=".", label="front"))
     plain = {
         "frameon": False,
         "fontsize": 8,
@@ -99,45 +88,27 @@ def front(about: Section, settings: tuple[Setting, ...]) -> Picture:
     picture.legend(
         handles=blank, loc="outside lower center", ncols=abreast, handlelength=0, **plain
     )
-    for numbers, at in _labels(axis, best):
+    for numbers, at in _labels(axis, best[["seconds", "error"]].to_numpy()):
         axis.annotate(numbers, at, (4, 4), textcoords="offset points", fontsize=8)
-    listed = "; ".join(f"{s.title}: {error_text(s)} {s.unit}, {seconds_text(s)} s" for s in best)
-    more = any(is_known(s.seen_percent) for s in shown)
-    good = "time, accuracy and completeness together" if more else "both time and accuracy"
-    notes = ""
-    if line != best:
-        notes += " The line joins those that none beats in time and accuracy; the others see more."
-    if reference in shown:
-        notes += f" The square marks the reference, {reference.title}."
-    if len(shown) < len(settings):
-        notes += (
-            " Settings with no error, or without a figure, have no place on these axes and "
-            "are in the table."
-        )
+    listed = "; ".join(
+        f"{s.title}: {figure(s.error, s.low, s.high, unit)} {unit}, "
+        f"{figure(s.seconds, s.seconds_low, s.seconds_high, 's')} s"
+        for _, s in best.iterrows()
+    )
     return Picture(
-        f"front_{about.name}",
-        f"{about.title}: {metric_words(about)} over seconds, with the 95 % interval of the error "
-        "and the range of the "
-        f"repeats. Filled, numbered points: no other setting is as good in {good}; faint, hollow "
-        "points: one "
-        f"is.{notes}",
-        f"{metric_words(about)} against time of {len(shown)} settings. On the front, from fast "
-        f"to slow: {listed}.",
+        f"front_{metric}",
+        f"{title} over seconds, with 95 % intervals. Filled, numbered points: no other setting is "
+        "as good in time, accuracy and completeness together; faint, hollow points: one is. The "
+        "line joins those that none beats in time and accuracy; the others on the front see more.",
+        f"{title} against time of {len(settings)} settings. On the front, from fast to slow: "
+        f"{listed}.",
         picture,
     )
 
 
-def metric_words(about: Section) -> str:
-    """Return the error metric of a trade-off's section in words and without its unit, such as "MAE"
-    for mae_mm."""
-    name = about.metric.removesuffix("_percent").removesuffix(f"_{about.unit}").replace("_", " ")
-    return name.upper() if about.metric in (HEADLINE, "rmse_mm") else name
-
-
-def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Yield the numbers of settings, as drawn beside their points, and the point: those of points
-    that lie too close for labels of their own share one, such as "15–18, 21"."""
-    points = [(s.seconds or 0.0, s.error or 0.0) for s in best]
+def _labels(axis: Axes, points: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield the numbers of points [n, 2], as drawn beside them, and the place: points that lie too
+    close for separate labels share one, such as "15–18, 21"."""
     places = axis.transAxes.inverted().transform(axis.transData.transform(points))
     groups: list[list[int]] = []
     for i, place in enumerate(places):
@@ -151,20 +122,3 @@ def _labels(axis: Axes, best: list[Setting]) -> Iterator[tuple[str, tuple[float,
         spans = ([i + 1 for _, i in run] for _, run in runs)
         words = (f"{run[0]}–{run[-1]}" if run[1:] else str(run[0]) for run in spans)
         yield ", ".join(words), points[group[0]]
-
-
-def _legend(methods: list[DrawnMethod], reference: bool) -> list[Line2D]:
-    """Return the entries of the legend: one for each method, one for the front and, if `reference`
-    is true, one for the square around the reference setting."""
-    handles = [
-        Line2D([], [], color=m.colour, marker=m.marker, linestyle="none", label=m.title)
-        for m in methods
-    ]
-    handles.append(Line2D([], [], color=INK, marker=".", label="front"))
-    if reference:
-        square = Line2D(
-            [], [], color=INK, marker="s", markersize=9, fillstyle="none", linestyle="none"
-        )
-        square.set_label("reference")
-        handles.append(square)
-    return handles

@@ -1,1 +1,1 @@
-"""The HTML report of results and trade-offs."""
+"""The HTML report of results."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from handbench.bench.results import CaptureFacts, Result, load, load_tradeoff
+from handbench.bench.results import CaptureFacts, Result, load
 from handbench.reports.figures import plots
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film
@@ -37,30 +37,20 @@ FIRST = 3  # captures on the first page where there are more
 STILL_PX = 272  # height of a capture's picture beside its table
 
 
-def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) -> Path:
-    """Write the report of a result, or of a trade-off, and return the path of its index.html.
+def build(folder: str | Path, out: str | Path) -> Path:
+    """Write the report of a result, and return the path of its index.html.
 
     Args:
-        folder: a result folder, or a trade-off folder (`tradeoff_section.build` reports it).
+        folder: a result folder.
         out: where a result's report is written: index.html, table.md, table.tex, column.tex,
             table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures,
             pages/*.html. Files of an earlier report are replaced, its further pages removed, other
             files left unchanged.
-        sweep: a trade-off folder to show with the result; None: `folder` itself or its subfolder
-            "tradeoff", if one of them is a trade-off.
 
     Raises:
         HandbenchError: `out` is the result folder itself, or drawing would take too long.
     """
     folder, out = Path(folder), Path(out)
-    places = (folder, folder / "tradeoff") if sweep is None else ()
-    sweep = (
-        Path(sweep)
-        if sweep
-        else next((place for place in places if (place / "tradeoff.json").exists()), None)
-    )
-    if sweep == folder and not (folder / "result.json").exists():
-        return tradeoff_section.build(folder, out)
     _loaded.cache_clear()  # this process may have written the folder since it last drew it
     result = _loaded(folder)
     if out.resolve() == result.folder.resolve():
@@ -72,7 +62,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     first = captures if captures <= ABREAST else FIRST
     drawn_s = MAP_S * first + FURTHER_S * (captures - first)
     require_time(REPORT_S + methods * drawn_s, f"report: {captures * methods} maps")
-    trade = load_tradeoff(sweep) if sweep else None
     rendering.begin(out)
     texts = {
         "table.md": result_tables.markdown(result),
@@ -92,7 +81,6 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
     on_page = {
         c.name: page for page, group in zip(["", *parts], groups, strict=True) for c in group
     }
-    swept = tradeoff_section.section(trade, out) if trade else None
     facts = _captures(result, groups[0], out / "figures") | {
         "parts": parts,
         "part": 0,
@@ -110,7 +98,8 @@ def build(folder: str | Path, out: str | Path, sweep: str | Path | None = None) 
         render(
             "index.html",
             place_of=lambda name: f"{on_page[name]}#capture-{quote(name)}",
-            **_summary(result, overview, swept),
+            **_summary(result, overview),
+            tradeoff=tradeoff_section.section(result, out / "figures"),
             **facts,
         ),
     )
@@ -162,12 +151,12 @@ def pages(captures: Sequence[CaptureFacts]) -> list[tuple[CaptureFacts, ...]]:
     return [tuple(captures[:first]), *rest]
 
 
-def _summary(result: Result, overview: list[Image], swept: Any) -> dict[str, Any]:
+def _summary(result: Result, overview: list[Image]) -> dict[str, Any]:
     """Return the content of index.html about all captures together: name in the template → value.
-    overview: charts of the whole result; swept: section of the trade-off."""
+    overview: charts of the whole result."""
     parts = {name: getattr(sections, name)(result) for name in SECTIONS}
     parts |= {"about": result.about, "config": result.config, "caption": caption(result)}
-    parts |= {"overview": overview, "tradeoff": swept}
+    parts |= {"overview": overview}
     parts |= {"leads": summary.leads(result), "main": summary.main_table(result)}
     parts |= {"front": summary.front(result), "hardest": summary.hardest(result)}
     return parts | {"stages": sections.stage_times(result), "blocks": blocks(result)}

@@ -8,15 +8,7 @@ from typing import TypeGuard
 
 import pandas as pd
 
-from handbench.bench.results import (
-    HEADLINE,
-    HEADLINES,
-    REFERENCES,
-    CaptureFacts,
-    Result,
-    Section,
-    Setting,
-)
+from handbench.bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 
@@ -222,39 +214,6 @@ def rounded(value: float | None) -> str:
     """Format a number with three significant digits, but at most six decimals; a missing number
     is a dash."""
     return number(value, _digits(value, 3) if value and is_known(value) else 0)
-
-
-def error_text(setting: Setting) -> str:
-    """Format the error of a trade-off's setting, with its 95 % interval, without the unit."""
-    return figure(setting.error, setting.low, setting.high, setting.unit)
-
-
-def seconds_text(setting: Setting) -> str:
-    """Format the time of a trade-off's setting in seconds, with its range over the repeats."""
-    return figure(setting.seconds, setting.seconds_low, setting.seconds_high, "s")
-
-
-def settings_table(
-    section: Section, settings: Iterable[Setting]
-) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Return headings and rows of a table of a trade-off's settings: title, error, the share of
-    the surface that is seen, if one is known, time, and its ratio to that of the reference."""
-    error = f"{section.metric} ({section.unit})"
-    heads = ["setting", error, "seen (%)", "time (s)", "× reference"]
-    rows: list[tuple[str, ...]] = [
-        (
-            s.title,
-            error_text(s),
-            figure(s.seen_percent, None, None, "%"),
-            seconds_text(s),
-            rounded(s.ratio),
-        )
-        for s in settings
-    ]
-    if {row[2] for row in rows} <= {NONE}:
-        del heads[2]
-        rows = [(*row[:2], *row[3:]) for row in rows]
-    return heads, rows
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:

@@ -10,7 +10,7 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise
 
-from handbench.bench.results import Result, Tradeoff, each
+from handbench.bench.results import Result, each
 from handbench.reports.tables.blocks import (
     AGAINST,
     NONE,
@@ -23,7 +23,6 @@ from handbench.reports.tables.blocks import (
     number,
     p_text,
     paper_block,
-    settings_table,
 )
 
 COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
@@ -233,26 +232,6 @@ def comparisons(result: Result) -> str:
         )
         head = ("Ahead", "Behind", title_with_unit("Difference", facts.unit), "p", "Effect")
         texts.append(float_table(text, "llrrr", head, body))
-    return "\n".join(texts)
-
-
-def tradeoff(found: Tradeoff) -> str:
-    """Return a LaTeX table for each section of a trade-off, such as imaging or ground truth, with
-    the settings that no other beats in accuracy, completeness and time together (the front)."""
-    texts = []
-    for section in found.facts.sections:
-        front = [setting for setting in found.section(section.name) if setting.on_front]
-        text = (
-            f"{found.facts.name}. {section.title}: the settings that no other beats in accuracy, "
-            "completeness and time "
-            "together. "
-            f"{section.metric}: {section.definition}. Time: {section.seconds}; in brackets the "
-            "95 % confidence "
-            f"interval, and of times the range of the repeats; reference: {section.reference}."
-        )
-        head, rows = settings_table(section, front)
-        body = [row(map(escaped, cells)) for cells in rows]
-        texts.append(float_table(text, f"l{'r' * len(head[1:])}", map(escaped, head), body))
     return "\n".join(texts)
 
 

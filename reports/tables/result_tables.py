@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from handbench.bench.results import HEADLINES, LEVEL, Result, Tradeoff, each
+from handbench.bench.results import HEADLINES, LEVEL, Result, each
 from handbench.bench.results.about import TREATMENTS
 from handbench.reports.tables.blocks import (
     best_note,
@@ -24,7 +24,6 @@ from handbench.reports.tables.blocks import (
     number,
     p_text,
     ratio,
-    settings_table,
 )
 
 PAIRS = (
@@ -159,31 +158,6 @@ def comparisons_markdown(result: Result) -> str:
         "difference over the standard deviation of the paired differences.\n\n"
         + table(("", "against", "p", "effect", "captures"), lines, texts=2)
     )
-
-
-def tradeoff_markdown(tradeoff: Tradeoff) -> str:
-    """Return a trade-off as Markdown: for each section, such as imaging or ground truth, a table
-    with error and time of every setting. Settings that no other beats (the front) are bold."""
-    parts = [
-        f"# {escaped(tradeoff.facts.name)}: accuracy against time\n",
-        "Bold: no other setting is as fast, "
-        "accurate and complete. In brackets the 95 % confidence interval, of times the range of "
-        "the repeats.\n",
-    ]
-    for section in tradeoff.facts.sections:
-        parts.append(f"## {escaped(section.title)}\n")
-        parts.append(
-            f"{escaped(section.metric)}: {escaped(section.definition)}; seconds: "
-            f"{escaped(section.seconds)}\n"
-        )
-        settings = tradeoff.section(section.name)
-        head, rows = settings_table(section, settings)
-        lines = []
-        for s, cells in zip(settings, rows, strict=True):
-            title, *figures = map(escaped, cells)
-            lines.append((bold(title) if s.on_front else title, *figures))
-        parts.append(table([*map(escaped, head)], lines))
-    return "\n".join(parts)
 
 
 def csv_text(result: Result) -> str:

@@ -1,9 +1,7 @@
-"""A small result folder: a bumpy hand-like surface and four methods with known errors; and a
-trade-off."""
+"""A small result folder: a bumpy hand-like surface and four methods with known errors."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,9 +42,11 @@ def write_synthetic(
     step_m: float = 2e-3,
     equal: bool = False,
     tested: tuple[str, ...] = (),
+    meshes: dict[str, dict[str, float]] | None = None,
 ) -> Path:
     """Write a complete result folder; equal: with figures under equal treatment; tested: the
-    metrics by which its protocol compares methods."""
+    metrics by which its protocol compares methods; meshes: figures of settings of the ground
+    truth. The id of a method is its name up to the first dash."""
     rng, axis = np.random.default_rng(1), np.arange(-0.1, 0.1, step_m)
     folder.mkdir(parents=True, exist_ok=True)
     photo = folder / "photo.png"
@@ -74,11 +74,13 @@ def write_synthetic(
         seconds = seconds * rng.uniform(0.9, 1.2, 30)
         lines += [(*of_method, n, "strongest_z_m", z) for n, z in enumerate(z_m)]
         lines += [(*of_method, n, "seconds", s) for n, s in enumerate(seconds)]
-    scores = frame(SCORES, lines)
+    table = main_table(frame(SCORES, lines), PAPER, 0, with_paper=True)
+    for name, figures in (meshes or {}).items():
+        lines += [(captures[0], name, "truth", "", 0, *each) for each in figures.items()]
     cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
-    tables = {"tasks": frame(TASKS, tasks), "scores": scores}
-    results.write_tables(folder, table=main_table(scores, PAPER, 0, with_paper=True), **tables)
+    tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}
+    results.write_tables(folder, table=table, **tables)
     results.write_config(folder, 'name = "synthetic"\n')
     about = results.About(
         name="synthetic",
@@ -88,7 +90,10 @@ def write_synthetic(
         versions={"numpy": np.__version__},
         machine={"cpu": "test"},
         captures=tuple(results.CaptureFacts(name=c, references=references) for c in captures),
-        methods=tuple(results.MethodFacts(name=m, title=of[0]) for m, of in methods.items()),
+        methods=tuple(
+            results.MethodFacts(name=m, title=of[0], id=m.partition("-")[0])
+            for m, of in methods.items()
+        ),
     )
     results.write_about(folder, about)
     return folder
@@ -99,32 +104,3 @@ def compared(result: results.Result, lines: pd.DataFrame | list[tuple]) -> resul
     found = replace(result)
     found.__dict__["comparisons"] = frame(COMPARISONS, lines) if isinstance(lines, list) else lines
     return found
-
-
-def write_synthetic_tradeoff(folder: Path) -> Path:
-    """Write a trade-off of two sections: images whose error falls as their time grows, and meshes
-    without parts."""
-    kinds = {"imaging": ("mae_mm", METHODS), "groundtruth": ("rms_mm", ("views",))}
-    sections, settings = [], []
-    for section, (metric, names) in kinds.items():
-        for number, (name, knob) in enumerate((n, k) for n in names for k in (1e-5, 1e-2)):
-            knobs = {"method": name, "tolerance": knob} if name in METHODS else {name: knob}
-            title = f"{METHODS[name][0] if name in METHODS else name}, {knob:.2g}"
-            front, mm, s = name != "2fsk", 1.0 + number, 1.0 / (1 + number)
-            best = "" if front else "3fsk-1e-05"
-            settings.append(
-                results.Setting(section, f"{name}-{knob:.3g}", title, json.dumps(knobs), metric)
-            )
-            further = {"error": mm, "low": 0.8 * mm, "high": 1.3 * mm, "unit": "mm", "seconds": s}
-            further |= {"seconds_low": 0.9 * s, "seconds_high": 1.2 * s, "ratio": s / 0.3}
-            further |= {"on_front": front, "dominated_by": best}
-            settings[-1] = replace(settings[-1], **further)
-        words = {"title": section, "definition": "an error", "seconds": "all", "unit": "mm"}
-        reference = settings[-1].name
-        sections.append(results.Section(name=section, metric=metric, reference=reference, **words))
-    claim = results.Claim(text="3-FSK is faster", paper=1000.0, counted=740.0, measured=31.5)
-    facts = results.TradeoffFacts(
-        name="synthetic", scored_against="truth", sections=tuple(sections), claims=(claim,)
-    )
-    results.write_tradeoff(folder, facts, settings)
-    return folder

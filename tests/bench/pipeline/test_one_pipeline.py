@@ -1,5 +1,5 @@
-"""One map has one MAE, and one set of checks, whichever way it is made: command, Python, run,
-trade-off."""
+"""One map has one MAE, and one set of checks, whichever way it is made: command, Python,
+run."""
 
 import json
 import re
@@ -14,34 +14,26 @@ from handbench.bench import results
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.tradeoff import run as tradeoff
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.echoes_file import load_capture, save_capture
 
 AXIS = {"start_m": -0.02, "stop_m": 0.02, "step_m": 0.002}
 SET = [f"--set={axis}.{key}={value}" for axis in "xy" for key, value in AXIS.items()]
-SWEEP = """
-[tradeoff]
-sections = ["imaging"]
-repeats = 1
-[[tradeoff.imaging]]
-method = "2fsk"
-"""
 
 
 @pytest.fixture
 def bench(small_bench, small_result):
-    """2-FSK of a capture in a folder, as a benchmark with a sweep of one setting."""
+    """2-FSK of a capture in a folder, as a benchmark."""
     simulated = next((small_result / "work").glob("simulate-*")) / "capture"
     shutil.copytree(simulated, small_bench.parent / "ball")
     text = small_bench.read_text().replace('scene = "ball.toml"', 'path = "ball"')
-    small_bench.write_text(text.rpartition("[[method]]")[0].replace("precision = true", "") + SWEEP)
+    small_bench.write_text(text.rpartition("[[method]]")[0].replace("precision = true", ""))
     return small_bench
 
 
 @pytest.mark.parametrize("protocol", ["paper", "maroon"])
-def test_four_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, capsys, protocol):
+def test_three_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, capsys, protocol):
     def mask(self, depth, erode=False):
         """Half of the map, as a data set may say."""
         return np.isfinite(depth.z_m) & (depth.x_m >= 0)
@@ -58,8 +50,7 @@ def test_four_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, ca
     by_python = depth.evaluate(protocol=protocol)["mae_mm"]
     run(*load_benchmark(str(bench)), tmp_path / "run")
     by_run = results.load(tmp_path / "run").row("mae_mm", "2fsk", "truth").value
-    [setting] = tradeoff.run(*load_benchmark(str(bench)), tmp_path / "sweep").section("imaging")
-    assert by_command == by_python == by_run == setting.error > 0
+    assert by_command == by_python == by_run > 0
 
 
 def millimetres(echoes):
@@ -87,7 +78,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("spoil", "doubt", "words"), REFUSED.values(), ids=REFUSED)
-def test_four_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, doubt, words):
+def test_three_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, doubt, words):
     """What they doubt stands before what they refuse."""
     capture, file = bench.parent / "ball", tmp_path / "depth.npz"
     save_capture(capture / "echoes.h5", spoil(load_capture(capture / "echoes.h5")))
@@ -96,6 +87,5 @@ def test_four_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, doub
     assert written.index(doubt) <= written.index(words) and not file.exists()
     with pytest.raises(hb.HandbenchError, match=re.escape(words)):
         hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS)
-    for command in ("run", "tradeoff"):
-        assert main([command, str(bench), "-o", str(tmp_path / command)]) == 2
-        assert words in capsys.readouterr().err
+    assert main(["run", str(bench), "-o", str(tmp_path / "run")]) == 2
+    assert words in capsys.readouterr().err

@@ -9,7 +9,6 @@ import pytest
 
 from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.bench.tradeoff.run import run as tradeoff
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
 from handbench.support.folder import MARKER, drop, locked
@@ -17,8 +16,8 @@ from handbench.support.store import MANIFEST, Stage, cached
 from tests.bench.run.faults import content, instant
 
 NAMES = (
-    *(MARKER, "work", "errors", "depth", "photos", "settings", "result.json", "table.csv"),
-    *("tasks.csv", "config.toml", "tradeoff.json", "tradeoff.csv", ".table-abc", ".errors-abc"),
+    *(MARKER, "work", "errors", "depth", "photos", "result.json", "table.csv"),
+    *("tasks.csv", "config.toml", ".table-abc", ".errors-abc"),
     *("work/simulate-ball-0123456789abcdef", "work/.simulate-ball-abc"),
 )
 
@@ -74,10 +73,9 @@ def test_what_belongs_to_somebody_else_is_left_alone(tmp_path, monkeypatch):
     assert (tmp_path / "out" / "table.csv").read_text() == "theirs"
 
 
-@pytest.mark.parametrize("command", [run, tradeoff], ids=["run", "tradeoff"])
 @pytest.mark.parametrize("to", ["folder", "file", "nothing", "pipe", "link to a pipe"])
 def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
-    small_bench, home, unharmed, tmp_path, to, command
+    small_bench, home, unharmed, tmp_path, to
 ):
     """In the place of any of its files or folders, or a pipe itself, which is not waited for."""
     bench, base = load_benchmark(str(small_bench))
@@ -97,7 +95,7 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
             f"{(out / name).name}: is {what}, so handbench did not write it and does not change it"
         )
         with pytest.raises(HandbenchError, match=words):
-            command(bench, base, out, overwrite=True)
+            run(bench, base, out, overwrite=True)
         assert os.path.lexists(out / name)
 
 

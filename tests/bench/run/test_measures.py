@@ -12,9 +12,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.run import jobs
 from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.sweep import TradeoffSweep
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.tradeoff.run import open_inputs
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from tests.bench.run.faults import execute
@@ -68,10 +66,6 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
     assert found == pytest.approx(precision_mm(hands), rel=1e-12) and found > 0
     mae = (of.row("mae_mm", "2fsk", "truth").value for of in (result, results.load(small_result)))
     assert len(set(mae)) == 1  # the accuracy is the ball's, whatever else is measured
-    bench, base = load_benchmark(str(printed))
-    bench = bench.model_copy(update={"tradeoff": TradeoffSweep(sections=("imaging",))})
-    (tmp_path / "work").mkdir()  # a trade-off sweeps the captures of the accuracy
-    assert [c.name for c in open_inputs(bench, base, tmp_path / "work").captures] == ["ball"]
 
 
 def test_the_papers_table_repeats_printed_hands_and_scores_hands_of_skin():

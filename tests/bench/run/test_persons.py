@@ -95,7 +95,7 @@ def test_only_hands_have_persons_and_each_once(tmp_path: Path) -> None:
 
 def test_the_embedded_hands_are_twelve_people() -> None:
     bench, base = load_benchmark("hands")
-    assert sorted(embedded_benchmarks()) == ["hands", "moving_hands", "paper_table"]
+    assert sorted(embedded_benchmarks()) == ["hands", "moving_hands", "paper_table", "tradeoff"]
     persons = sorted(number for source in bench.capture for number in source.persons or ())
     assert persons == list(range(1, 13)) and bench.reproduces is None
     assert bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad

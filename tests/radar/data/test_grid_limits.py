@@ -3,7 +3,6 @@
 import pytest
 
 from handbench.bench.run.benchmark_file import MethodEntry
-from handbench.bench.run.sweep import ImagingEntry
 from handbench.bench.scenes.scene_file import Photos, Sensor
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.methods.fsk_config import FskConfig
@@ -16,7 +15,6 @@ def axis(step_m: float, stop_m: float = 1.0, start_m: float = 0.0) -> dict[str, 
     return {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
 
 
-SWEPT = {"tolerance": [1e-5] * 40, "threshold_db": [-9.0] * 40}
 LONG = {"start_hz": 72e9, "stop_hz": 82e9, "count": 12_000}
 CAMERA = {"name": "a.png", "width": 8, "height": 8, "params": (1.0,)}
 
@@ -40,7 +38,6 @@ def test_coordinates_may_be_as_small_as_rounding_makes_them():
         (MethodEntry, {"id": "2fsk", "config": {"x": {"start_m": 1e300}}}, "config.x.start_m is"),
         (MethodEntry, {"id": "2fsk", "every_nth_antenna": 10**30}, "less than or equal to 1000"),
         (MethodEntry, {"id": "a", "command": "a", "limit_s": 1e30}, "'limit_s' is 1e+30"),
-        (ImagingEntry, {"method": "2fsk", "sweep": SWEPT}, "its lists make 1600 settings"),
         (Photos, {"width": 12_000, "height": 12_000}, "144000000 pixels, more than 110000000"),
         (Photos, {"blur_px": 1e9}, "'blur_px' is 1000000000.0"),
         (Sensor, {"sweep": [LONG, LONG]}, "make 24000 tones, more than 20000"),

@@ -12,7 +12,7 @@ import subprocess
 import pytest
 
 from handbench.reports.page import html
-from tests.reports.synthetic_result import METHODS, write_synthetic, write_synthetic_tradeoff
+from tests.reports.synthetic_result import METHODS, write_synthetic
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
@@ -94,11 +94,12 @@ document.querySelector('pre').append(JSON.stringify(e.data) + '\\n')</script>"""
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """What a browser finds in a report of two captures with a trade-off: page → its findings."""
+    """What a browser finds in a report of two captures by two settings of a method: page → its
+    findings."""
     base = tmp_path_factory.mktemp("browser")
-    methods = {name: METHODS[name] for name in ("3fsk", "2fsk")}
+    methods = {"3fsk": METHODS["3fsk"], "3fsk-fast": ("3-FSK, fast", *METHODS["2fsk"][1:])}
     folder = write_synthetic(base / "table", ("B", "F"), methods, ("photogrammetry",))
-    page = html.build(folder, base / "report", write_synthetic_tradeoff(base / "sweep"))
+    page = html.build(folder, base / "report")
     text = re.sub("<meta http-equiv[^>]*>", "", page.read_text("utf-8"))  # forbids other scripts
     script = f"<script>{FAULTS}\n{TELL}</script></body>"
     (base / "page.html").write_text(text.replace("</body>", script), "utf-8")

@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from itertools import cycle, pairwise
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from handbench.bench import results
 from handbench.bench.results.compare_results import compare_results
 from handbench.reports.tables import comparison, latex
-from tests.reports.synthetic_result import compared, write_synthetic_tradeoff
+from tests.reports.synthetic_result import compared
 
 HOSTILE = (
     "\\input{/etc/passwd}",
@@ -78,18 +78,9 @@ def test_every_table_compiles_whatever_the_names(result, tmp_path):
         pytest.skip("LaTeX has no siunitx (Debian: texlive-science): no table was compiled")
     evil = named(result, HOSTILE)
     many = replace(evil, about=evil.about.model_copy(update={"methods": evil.about.methods * 3}))
-    swept = results.load_tradeoff(write_synthetic_tradeoff(tmp_path / "swept"))
-    words = dict.fromkeys(("title", "metric", "definition", "seconds"), " ".join(HOSTILE))
-    sections = tuple(section.model_copy(update=words) for section in swept.facts.sections)
-    facts = swept.facts.model_copy(update={"sections": sections})
-    settings = [
-        replace(setting, title=name)
-        for setting, name in zip(swept.settings, cycle(HOSTILE), strict=False)
-    ]
     texts = {
         "table.tex": latex.latex(many),
         "comparisons.tex": latex.comparisons(evil),
-        "front.tex": latex.tradeoff(replace(swept, facts=facts, settings=tuple(settings))),
         "compare.tex": comparison.tex(compare_results(evil, named(result, HOSTILE[::-1]))),
     }
     assert "/etc/passwd" not in files_read(tmp_path, texts)
