@@ -21,12 +21,14 @@ from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
 from handbench.support.files import write_json
 from handbench.support.progress import say
+from handbench.support.store import stage
 
 CLOUD, VOLUME = "cloud.npz", "volume.json"
 COARSER = 4  # factor on the pixel size of the depth maps that locate the target
 COARSEST_PX = 64  # rows of a picture that still show it
 
 
+@stage("dense", "groundtruth", "calibration/transforms.py")
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
     """Run the dense stage: compute the depth maps of the photographs that the sparse stage
     registered, and fuse them to a cloud of points.

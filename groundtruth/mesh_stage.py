@@ -21,10 +21,12 @@ from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
 from handbench.support.files import read_json, write_json
+from handbench.support.store import stage
 
 MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 
 
+@stage("mesh", "groundtruth", "calibration/transforms.py")
 def make(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
     """Run the mesh stage: reconstruct the surface of the dense stage's cloud.
 

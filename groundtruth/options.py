@@ -23,23 +23,6 @@ class Effort(NamedTuple):
 
 
 EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
-# Processor time of a photograph, of a pair of them, of a megapixel's features and of its depths:
-# measured on a hand.
-PHOTO_S, PAIR_S, FEATURES_S = 1.6, 0.3, 0.25
-DEPTHS_S = {"draft": 0.3, "normal": 1.5, "high": 7.5}
-EFFORT_SHARES = {"sparse": 0.28, "dense": 0.57, "mesh": 0.15}  # of the stages, measured on hands
-BASE_BYTES, MEGAPIXEL_BYTES = 6e8, 3e7  # at the peak: libraries, and a megapixel of all photographs
-
-
-def predict_effort(count: int, megapixels: float, quality: Quality) -> tuple[float, float]:
-    """Predict the CPU time in seconds and the peak memory in bytes of a reconstruction from `count`
-    photographs with `megapixels` in total."""
-    seconds = (
-        PHOTO_S * count
-        + PAIR_S * count * (count - 1) / 2
-        + (FEATURES_S + DEPTHS_S[quality]) * megapixels
-    )
-    return seconds, BASE_BYTES + MEGAPIXEL_BYTES * megapixels
 
 
 class SparseOptions(Config):

@@ -1,7 +1,7 @@
 """Reconstruction of a metric mesh from photographs, in three stages whose results are cached."""
 
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,21 +19,15 @@ from handbench.groundtruth.mesh.mesh_files import write_cloud
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.mesh_stage import MESH, TARGET
-from handbench.groundtruth.options import (
-    EFFORT_SHARES,
-    DenseOptions,
-    Options,
-    Region,
-    SparseOptions,
-)
+from handbench.groundtruth.options import DenseOptions, Options, Region, SparseOptions
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.inputs import content, resolve
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.groundtruth.sparse_stage import PHOTOGRAPHS
 from handbench.support.config import Config
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.support.progress import begin, end, say
-from handbench.support.store import Stage, cached
+from handbench.support.progress import counted, say
+from handbench.support.store import Input, Stage, cached
 
 SUMMARY_VERSION = 1
 
@@ -90,19 +84,21 @@ def stages(
 
     content: hashes of the photographs and of the files that belong to them. masks: hash of the
     masks. capture: name of the capture that the photographs belong to. Each stage receives only its
-    own options, so its cache key depends on everything that it uses and on nothing else.
+    own options, so its key depends on everything that it uses and on nothing else.
     """
 
-    def staged(
-        name: str, function: Callable[..., None], kind: type[Config], inputs: list[Any], *on: Stage
-    ) -> Stage:
-        folders = {made.name: str(made.folder(root)) for made in on}
-        given = {"photos": str(photos), "options": options.part(kind), **folders}
-        return Stage(name, function, given, [*inputs, options.part(kind, paths=False)], capture)
+    def of(kind: type[Config], photographs: Any, **made: Stage) -> dict[str, Any]:
+        return {
+            "photos": Input(str(photos), photographs),
+            "options": Input(options.part(kind), options.part(kind, paths=False)),
+            **{name: stage.output(root) for name, stage in made.items()},
+        }
 
-    sparse = staged("sparse", sparse_stage.make, SparseOptions, [content])
-    dense = staged("dense", dense_stage.make, DenseOptions, [sparse.key, masks], sparse)
-    return sparse, dense, staged("mesh", mesh_stage.make, Region, [dense.key], sparse, dense)
+    sparse = Stage(sparse_stage.make, of(SparseOptions, content), capture, shares=True)
+    of_dense = of(DenseOptions, masks, sparse=sparse)
+    dense = Stage(dense_stage.make, of_dense, capture, shares=True)
+    of_mesh = of(Region, None, sparse=sparse, dense=dense)
+    return sparse, dense, Stage(mesh_stage.make, of_mesh, capture, shares=True)
 
 
 def reconstruct(
@@ -175,11 +171,11 @@ def _made(
         )
         seconds = {}
         chain = stages(root, photos, options, content(inputs, options), masks)[:count]
-        for each in chain:
-            begin(each.name, EFFORT_SHARES[each.name])
-            stamp, found = cached(root, each)
-            end(each.name, skipped=found)
-            if found:
-                say(f"{each.name}: cached")
-            seconds[each.name] = stamp.seconds
-        yield options, [each.folder(root) for each in chain], seconds
+        with counted(len(chain)) as work:
+            for stage in chain:
+                with work.part(stage.name):
+                    stamp, finished = cached(root, stage)
+                if finished:
+                    say(f"{stage.name}: cached")
+                seconds[stage.name] = stamp.seconds
+        yield options, [stage.folder(root) for stage in chain], seconds

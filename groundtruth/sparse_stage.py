@@ -9,10 +9,12 @@ from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
 from handbench.support.config import parse
 from handbench.support.files import write_json
+from handbench.support.store import stage
 
 PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 
 
+@stage("sparse", "groundtruth", "calibration/transforms.py")
 def make(folder: Path, photos: str, options: dict[str, Any]) -> None:
     """Run the sparse stage: find the cameras of the photographs in the folder `photos`.
 

@@ -583,7 +583,7 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
     Returns:
         The transform, with the covariance of [translation in metres, rotation vector in radians].
     """
-    from handbench.bench.run.photogrammetry import calibrate_captures
+    from handbench.bench.stages.calibrate import calibrate_captures
 
     named = [captures] if isinstance(captures, str | Path) else captures
     return calibrate_captures([Path(capture) for capture in named], quality, seed)
@@ -602,9 +602,9 @@ def run(bench: File, folder: File, overwrite: bool = False) -> RunResult:
     Returns:
         The result, whose tables `.table`, `.tasks`, `.comparisons`, … are pandas DataFrames.
     """
+    from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.results import load as load_result
     from handbench.bench.run import runner
-    from handbench.bench.run.benchmark_file import load_benchmark
 
     runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)
     return RunResult(load_result(folder))

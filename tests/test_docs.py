@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import BenchFile
 from handbench.bench.datasets.mapping import Mapping
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.run.benchmark_file import BenchFile
 from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from handbench.calibration.transforms import load_transform
 from handbench.cli import main

@@ -9,16 +9,15 @@ from typing import Any
 
 import tomlkit
 
+from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, Source, load_benchmark
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.run.benchmark_file import BenchFile, Origin, Source, load_benchmark
-from handbench.bench.run.jobs import scene_of
-from handbench.bench.run.planned_cost import simulating_s
+from handbench.bench.run.captures import scene_of
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.folder import drop, is_owned_folder
-from handbench.support.progress import part, predicted_work
+from handbench.support.progress import counted
 
 BENCH, CAPTURES = "bench.toml", "captures"
 
@@ -57,9 +56,9 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
         for name, scene in scenes.items()
         if not (folder / CAPTURES / name).is_dir()
     }
-    with predicted_work(sum(simulating_s(s, frames) for s, _, frames in left.values())):
+    with counted(len(left)) as progress:
         for at, (scene, place, frames) in left.items():
-            with part(scene.name, simulating_s(scene, frames)):
+            with progress.part(scene.name):
                 simulate_capture(build(scene, place), at, frames)
     return len(scenes)
 

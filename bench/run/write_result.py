@@ -2,7 +2,8 @@
 maps."""
 
 import shutil
-from dataclasses import replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -10,33 +11,36 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from handbench.bench import results
-from handbench.bench.evaluation.floor import budget
+from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.evaluation.intervals import note
 from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
 from handbench.bench.evaluation.metrics import pool
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
-from handbench.bench.results import (
-    About,
-    CaptureFacts,
-    Frames,
-    MethodFacts,
-    SurfaceMap,
-    metric_facts,
-)
+from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.derived import few_pixels, few_pixels_text
-from handbench.bench.run import scoring
-from handbench.bench.run.outcome import CommonSubset, Outcome, common_subset, surfaces
-from handbench.bench.run.reconstruct_stage import VELOCITY, read_frames, read_times
-from handbench.bench.run.repeat_stage import read_repeats
+from handbench.bench.results.maps import Frames, depth_path, errors_path, write_frames, write_photo
+from handbench.bench.results.result_folder import TABLES, write_about, write_config, write_tables
+from handbench.bench.run.captures import RunCapture
+from handbench.bench.run.common import CommonSubset, common_subset
+from handbench.bench.run.engine import Engine
+from handbench.bench.stages.quality import QUALITY
+from handbench.bench.stages.reconstruct import (
+    DEPTH,
+    VELOCITY,
+    read_frames,
+    read_repeats,
+    read_times,
+)
+from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
+from handbench.groundtruth.mesh_stage import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import calibrated_machine
-from handbench.support.files import atomic_path
+from handbench.support.files import atomic_path, read_json
 from handbench.support.folder import drop
 from handbench.support.progress import say
-from handbench.support.store import versions
+from handbench.support.store import Stage, versions
 
 FILES = (
     "result.json",
@@ -45,56 +49,87 @@ FILES = (
     "depth",
     "frames",
     "photos",
-    *(f"{name}.csv" for name in results.TABLES),
+    *(f"{name}.csv" for name in TABLES),
 )
+Imaged = tuple[Stage, Path]  # a finished stage of imaging, and its folder
 
 
-def write(folder: Path, outcome: Outcome, config: str) -> None:
+@dataclass(frozen=True)
+class RunOutcome:
+    """Everything that a run made.
+    targets: captures of the calibration target. engine: what the stages cost, and which failed.
+    images: the finished stages of imaging; qualities: those of the ground truth's sweep. references: capture → names of its references. scores:
+    capture → folder of its scores. meshes: capture → folder with the mesh of its photographs.
+    facts: entries of result.json."""
+
+    bench: BenchFile
+    captures: list[RunCapture]
+    targets: list[RunCapture]
+    engine: Engine
+    images: list[Imaged]
+    qualities: list[Imaged]
+    references: dict[str, tuple[str, ...]]
+    scores: dict[str, Path]
+    meshes: dict[str, Path]
+    facts: dict[str, Any]
+
+    def imaged(self, capture: str, method: str, *names: str) -> list[Imaged]:
+        """Return the finished stages that imaged a capture by a method. names: of the stages
+        (none: all)."""
+        return [
+            (stage, folder)
+            for stage, folder in self.images
+            if (stage.capture, stage.method) == (capture, method)
+            and (not names or stage.name in names)
+        ]
+
+
+def write(folder: Path, outcome: RunOutcome, config: str) -> None:
     """Collect the scores of all captures and methods of the table, and write the result folder.
     Earlier results are replaced only when the new ones are complete; result.json, which marks the
     folder as complete, is written last. config: text of config.toml. Raises HandbenchError if every
     capture failed."""
-    on = common_subset(outcome)
-    if outcome.failures:
-        say(f"the table uses {on.text}")
-    found = scores(outcome, on)
-    bench, order = outcome.bench, [entry.id for entry in on.methods]
-    table = main_table(
-        # a stage's scores may be kept from a benchmark with another order of its methods
-        found.sort_values("method", key=lambda ids: ids.map(order.index), kind="stable"),
-        protocol(bench.protocol),
-        bench.seed,
-        bool(bench.reproduces),
-    )
+    bench, failures = outcome.bench, outcome.engine.failures
+    subset = common_subset(bench, outcome.captures, failures)
+    if failures:
+        say(f"the table uses {subset.text}")
+    scores = collect_scores(outcome, subset)
+    # a stage's scores may be kept from a benchmark with another order of its methods
+    order = [entry.label for entry in subset.methods]
+    of_table = scores[scores.method.isin(order)]
+    ordered = of_table.sort_values("method", key=lambda m: m.map(order.index), kind="stable")
+    table = main_table(ordered, protocol(bench.protocol), bench.seed, bool(bench.reproduces))
     drop(folder, FILES)
-    for capture, entry in product(on.captures, on.methods):
-        name = capture.name
-        _copy(outcome.maps[name, entry.id], results.depth_path(folder, name, entry.id))
-        if frames := _frames(outcome.maps[name, entry.id]):
-            results.write_frames(folder, name, entry.id, frames)
-        for reference in outcome.references[name]:
-            about_map = name, entry.id, reference
-            _copy(
-                results.errors_path(outcome.scores[name], *about_map),
-                results.errors_path(folder, *about_map),
-            )
-            if entry is on.methods[0]:  # references are drawn on the first method's grid
-                error = results.read_errors(outcome.scores[name], *about_map)
-                [known] = surfaces(outcome, [name], entry.id, reference)
-                surface = SurfaceMap(error.x_m, error.y_m, known.z_m, known.sigma_m)
-                results.write_surface(folder, name, reference, surface)
-    for capture in on.captures:
-        if capture.name in outcome.views:
-            results.write_photo(folder, capture.name, outcome.views[capture.name])
-    results.write_config(folder, config)
-    facts = capture_facts(outcome, on)
-    scored = [each for each in facts if "accuracy" in each.measures]
-    if few := few_pixels_text(few_pixels(found, scored)):
-        on = replace(on, text=f"{on.text}; {few}")
+    for capture, entry in product(subset.captures, subset.methods):
+        _copy_maps(folder, outcome, capture.name, entry.label)
+    for capture in subset.captures:
+        for reference in outcome.references[capture.name]:
+            at = depth_path(Path(), capture.name, reference)
+            _copy(outcome.scores[capture.name] / at, folder / at)
+        if capture.name in outcome.meshes:
+            write_photo(folder, capture.name, outcome.meshes[capture.name] / VIEW)
+    write_config(folder, config)
+    captures = capture_facts(outcome, subset.all_captures)
+    text = subset.text
+    if few := few_pixels_text(
+        few_pixels(scores, [c for c in captures if "accuracy" in c.measures])
+    ):
+        text += f"; {few}"
         say(few)
-    tasks = frame(TASKS, outcome.tasks)
-    results.write_tables(folder, table=table, tasks=tasks, scores=found)
-    results.write_about(folder, about(outcome, on, facts))
+    write_tables(folder, table=table, tasks=frame(TASKS, outcome.engine.tasks), scores=scores)
+    write_about(folder, about(outcome, subset, captures, text))
+
+
+def _copy_maps(folder: Path, outcome: RunOutcome, capture: str, method: str) -> None:
+    """Copy a method's depth map of a capture and its errors into the result folder, and write the
+    depths and velocities of all frames."""
+    [(_, imaged)] = outcome.imaged(capture, method, "reconstruct")
+    _copy(imaged / DEPTH, depth_path(folder, capture, method))
+    if frames := _frames(imaged):
+        write_frames(folder, capture, method, frames)
+    for reference in outcome.references[capture]:
+        at = errors_path(Path(), capture, method, reference)
+        _copy(outcome.scores[capture] / at, folder / at)
 
 
 def _copy(source: Path, path: Path) -> None:
@@ -102,49 +137,58 @@ def _copy(source: Path, path: Path) -> None:
         shutil.copyfile(source, temporary)
 
 
-def _frames(first: Path) -> Frames | None:
-    """Read the depths and velocities of all frames that an imaging stage has made; None if there is
-    a single frame, or no velocities or times of the frames. first: depth map of the first frame."""
-    maps, times_s = read_frames(first.parent, load_depthmap(first)), read_times(first.parent)
-    if not maps or maps[0].velocity_m_s is None or "frame_times_s" not in times_s:
+def _frames(imaged: Path) -> Frames | None:
+    """Read the depths and velocities of all frames from the folder of an imaging stage; None if
+    there is a single frame, or no velocities or times of the frames."""
+    maps, times = read_frames(imaged, load_depthmap(imaged / DEPTH)), read_times(imaged)
+    if not maps or maps[0].velocity_m_s is None or "frame_times_s" not in times:
         return None
     z_m, velocity_m_s = (np.stack([getattr(m, n) for m in maps]) for n in ("z_m", VELOCITY))
-    return Frames(
-        maps[0].x_m, maps[0].y_m, z_m, velocity_m_s, np.array(times_s["frame_times_s"], np.float64)
-    )
+    starts_s = np.array(times["frame_times_s"], np.float64)
+    return Frames(maps[0].x_m, maps[0].y_m, z_m, velocity_m_s, starts_s)
 
 
-def scores(outcome: Outcome, on: CommonSubset) -> pd.DataFrame:
+def collect_scores(outcome: RunOutcome, subset: CommonSubset) -> pd.DataFrame:
     """Collect the table of scores (SCORES) of the captures and methods that the result contains.
     Its lines are the figures of each capture, from its scoring stage; the time of each image; and
     for the precision, the depth of the strongest scatterer in each repeated frame, and the median
     over the pixels of their standard deviations."""
-    methods, repeated = (
-        [entry.id for entry in on.methods],
-        [capture.name for capture in on.repeated],
-    )
-    rows: list[tuple[Any, ...]] = [
-        (capture, method, "", "", repeat, STRONGEST, z_m)
-        for capture, method, repeat, z_m in outcome.repeats
-        if capture in repeated and method in methods
-    ]
-    for about_map in product(repeated, methods):
-        if about_map in outcome.deviations:
-            figures = pool([read_repeats(outcome.deviations[about_map])[1]])
-            rows.append((*about_map, "", "", 0, PER_PIXEL, figures["median_mm"]))
-    for about_map in product((capture.name for capture in on.all_captures), methods):
-        seconds = outcome.seconds.get(about_map, [])
-        rows += [
-            (*about_map, "", "", number, "seconds", value) for number, value in enumerate(seconds)
+    labels = [entry.label for entry in subset.methods]
+    rows: list[tuple[Any, ...]] = []
+    pixels: list[tuple[Any, ...]] = []
+    for capture, method in product((capture.name for capture in subset.repeated), labels):
+        for _, folder in outcome.imaged(capture, method, "repeat"):
+            strongest_z_m, deviations = read_repeats(folder)
+            rows += [
+                (capture, method, "", "", number, STRONGEST, float(z_m))
+                for number, z_m in enumerate(strongest_z_m)
+            ]
+            median_mm = pool([deviations])["median_mm"]
+            pixels.append((capture, method, "", "", 0, PER_PIXEL, median_mm))
+    rows += pixels
+    for capture, method in product((capture.name for capture in subset.all_captures), labels):
+        seconds = [
+            value
+            for _, folder in outcome.imaged(capture, method)
+            for value in read_times(folder)["seconds"]
         ]
-    of_captures = [
-        read(outcome.scores[capture.name] / scoring.SCORED, SCORES) for capture in on.captures
+        rows += [(capture, method, "", "", n, "seconds", value) for n, value in enumerate(seconds)]
+    of_captures = [read(outcome.scores[c.name] / SCORED, SCORES) for c in subset.captures]
+    scores = pd.concat([frame(SCORES), *of_captures, frame(SCORES, rows)], ignore_index=True)
+    qualities = frame(SCORES, _quality_scores(outcome.qualities))
+    return pd.concat([scores[scores.method.isin(labels)], qualities], ignore_index=True)
+
+
+def _quality_scores(qualities: Iterable[Imaged]) -> list[tuple[Any, ...]]:
+    """Return the lines of the table of scores for the settings of the ground truth's sweep."""
+    return [
+        (stage.capture, stage.method, "truth", "", 0, metric, value)
+        for stage, folder in qualities
+        for metric, value in read_json(folder / QUALITY, "the quality of a surface").items()
     ]
-    found = pd.concat([frame(SCORES), *of_captures, frame(SCORES, rows)], ignore_index=True)
-    return found[found.method.isin(methods)].reset_index(drop=True)
 
 
-def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...]:
+def capture_facts(outcome: RunOutcome, captures: Iterable[RunCapture]) -> tuple[CaptureFacts, ...]:
     """Return the facts of the result's captures that result.json records, such as pose and
     distance."""
     return tuple(
@@ -153,61 +197,58 @@ def capture_facts(outcome: Outcome, on: CommonSubset) -> tuple[CaptureFacts, ...
             measures=capture.measures,
             pose=capture.about.pose,
             distance_m=capture.about.distance_m,
-            references=tuple(outcome.references.get(capture.name, ())),
+            references=outcome.references.get(capture.name, ()),
             effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
         )
-        for capture in on.all_captures
+        for capture in captures
     )
 
 
-def about(outcome: Outcome, on: CommonSubset, captures: tuple[CaptureFacts, ...]) -> About:
+def about(
+    outcome: RunOutcome, subset: CommonSubset, captures: tuple[CaptureFacts, ...], basis: str
+) -> About:
     """Make the content of result.json: protocol, inputs, machine, captures, methods, facts,
-    failures. captures: facts of the captures."""
-    first = on.methods[0].id
-    measured = [c.name for c in on.captures if "photogrammetry" in outcome.references[c.name]]
-    budgets = dict(
-        zip(
-            measured, map(budget, surfaces(outcome, measured, first, "photogrammetry")), strict=True
-        )
-    )
+    failures. captures: facts of the captures; basis: words that say on what the table is based."""
+    bench = outcome.bench
+    inputs = {capture.name: capture.key for capture in outcome.captures}
+    inputs |= {f"calibration {target.name}": target.key for target in outcome.targets}
+    sigmas = {
+        capture.name: read_json(outcome.scores[capture.name] / SIGMA, "a reference's σ")
+        for capture in subset.captures
+        if MEASURED in outcome.references[capture.name]
+    }
+    facts = {"intervals": note(len(subset.captures)), "phase_noise_rad": bench.phase_noise_rad}
     return About(
-        name=outcome.bench.name,
+        name=bench.name,
         protocol={
-            **protocol(outcome.bench.protocol).about(),
-            "basis": on.text,
-            "repeats": outcome.bench.repeats,
-            "seed": outcome.bench.seed,
+            **protocol(bench.protocol).about(),
+            "basis": basis,
+            "repeats": bench.repeats,
+            "seed": bench.seed,
         },
         metrics=metric_facts(),
-        inputs=outcome.inputs,
+        inputs=inputs,
         versions=versions(),
-        machine=_machines(outcome),
+        machine=_machines(outcome.engine),
         captures=captures,
-        methods=tuple(
-            MethodFacts(
-                name=entry.label,
-                id=entry.id,
-                title=entry.title or entry.label,
-                config={
-                    c.name: outcome.configs[c.name, entry.id]
-                    for c in on.all_captures
-                    if (c.name, entry.id) in outcome.configs
-                },
-            )
-            for entry in on.methods
-        ),
-        facts={
-            **outcome.facts,
-            "intervals": note(len(on.captures)),
-            **({"groundtruth_sigma_rms": budgets} if budgets else {}),
-            "phase_noise_rad": outcome.bench.phase_noise_rad,
-        },
-        failures=tuple(outcome.failures),
+        methods=tuple(_method_facts(outcome, subset, entry) for entry in subset.methods),
+        facts=outcome.facts | facts | ({"groundtruth_sigma_rms": sigmas} if sigmas else {}),
+        failures=tuple(outcome.engine.failures),
     )
 
 
-def _machines(outcome: Outcome) -> dict[str, Any]:
+def _method_facts(outcome: RunOutcome, subset: CommonSubset, entry: MethodEntry) -> MethodFacts:
+    """Return a method's facts for result.json, with its complete configuration on each capture."""
+    names = [capture.name for capture in subset.all_captures]
+    images = {name: outcome.imaged(name, entry.label) for name in names}
+    config = {name: images[name][0][0].arguments["config"] for name in names if images[name]}
+    return MethodFacts(
+        name=entry.label, id=entry.id, title=entry.title or entry.label, config=config
+    )
+
+
+def _machines(engine: Engine) -> dict[str, Any]:
     """Return facts of this machine and of all others that did some of the work."""
     here = calibrated_machine()
-    others = {name: facts for name, facts in outcome.machines.items() if name != here["host"]}
+    others = {name: facts for name, facts in engine.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

@@ -19,6 +19,7 @@ from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
+from handbench.support.store import stage
 
 CAMERAS, BOARD = "cameras.json", "board.toml"
 QUALITY = "quality.json"
@@ -37,13 +38,25 @@ def quality_name(views: int, long_px: int, quality: str) -> str:
     return f"{views}-views-{long_px}-px-{quality}"
 
 
+@stage(
+    "quality",
+    "bench/stages/quality.py",
+    "bench/datasets",
+    "bench/evaluation",
+    "bench/scenes",
+    "calibration",
+    "groundtruth",
+    "radar/data",
+    "radar/imaging",
+    "radar/simulation",
+)
 def measure_quality(
-    folder: Path, capture: Path, views: int, long_px: int, quality: Quality, seed: int
+    folder: Path, capture: str, views: int, long_px: int, quality: Quality, seed: int
 ) -> None:
     """Reconstruct a surface from some of a capture's photographs, and write its error and time to
-    quality.json in `folder`: rms_mm, observed_percent and seconds.
+    quality.json in `folder`: surface_rms_mm, observed_percent and seconds.
 
-    Rays along z, GRID_M apart in the radar frame, sample both surfaces. rms_mm is the root mean
+    Rays along z, GRID_M apart in the radar frame, sample both surfaces. surface_rms_mm is the root mean
     square distance of the reconstructed points from the true surface; observed_percent is the
     reconstructed share of the true points inside the capture's crop box.
 
@@ -91,7 +104,7 @@ def measure_quality(
     points_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[both]
     distance_m = raycasting_scene(truth).compute_distance(points_m.astype(np.float32)).numpy()
     figures = {
-        "rms_mm": 1e3 * float(np.sqrt(np.mean(distance_m.astype(float) ** 2))),
+        "surface_rms_mm": 1e3 * float(np.sqrt(np.mean(distance_m.astype(float) ** 2))),
         "observed_percent": 100 * float(both.sum() / np.isfinite(true_z_m).sum()),
         "seconds": sum(result.seconds.values()),
     }

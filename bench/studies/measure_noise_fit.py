@@ -13,12 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.evaluation.repeats import precision_mm
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.repeat_stage import strongest_z_m
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
+from handbench.bench.stages.reconstruct import strongest_z_m
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk_config import TwoToneConfig

@@ -10,9 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
-from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
-from handbench.bench.datasets.native import TRANSFORM, CaptureFile
-from handbench.bench.run.benchmark_file import (
+from handbench.bench.benchmarks.benchmark_file import (
     BenchFile,
     DataSet,
     MethodEntry,
@@ -21,6 +19,8 @@ from handbench.bench.run.benchmark_file import (
     checked_entry,
     require_clear,
 )
+from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
+from handbench.bench.datasets.native import TRANSFORM, CaptureFile
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, SceneFile, name_of_person
 from handbench.bench.validation.capture_problems import (
     CheckedCapture,
@@ -266,6 +266,6 @@ def _maps(
 def _read_map(file: Path, id: str, about: CaptureFile, methods: Sequence[MethodEntry]) -> None:
     """Read a depth map that was made by other software, in the way that a run reads it. Raises
     HandbenchError if a run would refuse it."""
-    from handbench.bench.run import foreign  # whose module images
+    from handbench.bench.stages import foreign  # whose module images
 
     foreign.read_map(file, id, foreign.pixels(about, methods))

@@ -28,6 +28,7 @@ from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
+from handbench.support.store import stage
 
 # share of pixels on the surface with which a mistake explains an image; and of the best other share
 EXPLAINED = 0.9
@@ -38,7 +39,16 @@ FURTHER_M = 1.2
 PROBES = ("3fsk", "2fsk", "broadband", "narrowband")
 
 
-def make(folder: Path, capture: str) -> None:
+@stage(
+    "inspect",
+    "bench/validation",
+    "bench/datasets",
+    "bench/pipeline/image.py",
+    "calibration",
+    "groundtruth/mesh",
+    "radar",
+)
+def inspect_capture(folder: Path, capture: str) -> None:
     """Inspect a capture for likely mistakes, as a stage of a run: print each warning, and write all
     to the file INSPECTION.
 

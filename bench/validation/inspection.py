@@ -5,12 +5,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from handbench.bench.benchmarks.benchmark_file import find_benchmark, load_benchmark
 from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
 from handbench.bench.datasets.ti import is_ti_raw, read_raw
 from handbench.bench.results import load as load_result
-from handbench.bench.run.benchmark_file import find_benchmark, load_benchmark
 from handbench.bench.validation.benchmark_problems import benchmark_problems, scene_problems
 from handbench.bench.validation.capture_problems import (
     capture_problems,

@@ -20,13 +20,13 @@ def run(options: argparse.Namespace) -> None:
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
     capture is used again."""
+    from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
     from handbench.bench.evaluation.metrics import TITLES
     from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.results.about import HEADLINE, SHARES
-    from handbench.bench.run.benchmark_file import EMBEDDED
-    from handbench.bench.run.reconstruct_stage import Imager
+    from handbench.bench.stages.reconstruct import Imager
     from handbench.calibration.transforms import identity
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.grid import PixelGrid

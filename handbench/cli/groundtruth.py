@@ -25,13 +25,11 @@ def run(options: argparse.Namespace) -> str:
         )
     from handbench.bench.validation.capture_problems import board_warnings
     from handbench.groundtruth.board.board import load_board
-    from handbench.groundtruth.options import Options, predict_effort
+    from handbench.groundtruth.options import Options
     from handbench.groundtruth.photos.photos import find_photos
     from handbench.groundtruth.pipeline import reconstruct
     from handbench.support.config import parse
-    from handbench.support.cost import require_time
-    from handbench.support.parallel import workers
-    from handbench.support.progress import say, work
+    from handbench.support.progress import say
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
@@ -39,13 +37,7 @@ def run(options: argparse.Namespace) -> str:
     described = options.board or options.photos / "board.toml"
     for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
         say(f"{described}: {warning}")
-    megapixels = 1e-6 * sum(photo.width * photo.height for photo in photos)
-    core_s, bytes_ = predict_effort(len(photos), megapixels, chosen.quality)
-    require_time(
-        core_s, f"{len(photos)} photographs, {megapixels:.0f} megapixels, {chosen.quality}", bytes_
-    )
-    with work(1.0, workers() / core_s):  # its parts are shares of the whole
-        result = reconstruct(options.photos, chosen, options.workdir)
+    result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     print(json.dumps(result.summary(), indent=2))
     return (

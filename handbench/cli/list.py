@@ -40,13 +40,12 @@ def run(options: argparse.Namespace) -> None:
 def _entries(section: str) -> Iterator[list[str]]:
     """Yield the entries of one section of `handbench list`, each as a list of the lines to print.
     section: a key of SECTIONS."""
+    from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
     from handbench.bench.datasets.dataset import KNOWN
     from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.run.benchmark_file import embedded_benchmarks
     from handbench.bench.scenes.hand_pose import POSES
-    from handbench.radar.methods.registry import BROKEN, methods
+    from handbench.radar.methods.registry import BROKEN, methods, with_version
     from handbench.radar.simulation.known_effects import DECLARED
-    from handbench.support.code_hash import with_version
 
     known = methods()  # which loads the plug-ins, too
     plugged = [method for method in known if method.distribution is not None]

@@ -8,8 +8,8 @@ def run(options: argparse.Namespace) -> str:
     """Run a benchmark, or resume an interrupted run, and print the table of the main figures at the
     end.
     Returns a summary."""
+    from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import runner
-    from handbench.bench.run.benchmark_file import load_benchmark
     from handbench.cli.options import names
     from handbench.reports.tables.result_tables import show
 

@@ -4,10 +4,9 @@ all captures of a benchmark."""
 import argparse
 from pathlib import Path
 
+from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
 from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
-from handbench.bench.run.benchmark_file import embedded_benchmarks
 from handbench.bench.run.capture_set import BENCH, CAPTURES, simulate_benchmark
-from handbench.bench.run.planned_cost import simulating_s
 from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import choices
 from handbench.bench.scenes.photographs import photo_effects
@@ -15,7 +14,7 @@ from handbench.cli.options import free_folder
 from handbench.radar.simulation.known_effects import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import part, predicted_work
+from handbench.support.progress import counted
 
 
 def run(options: argparse.Namespace) -> str | None:
@@ -46,8 +45,7 @@ def run(options: argparse.Namespace) -> str | None:
         )
     free_folder(options.out, options.overwrite, WRITTEN)
     scene = load_scene(options.scene)
-    core_s = simulating_s(scene.file, options.frames)
-    with predicted_work(core_s), part(scene.file.name, core_s):
+    with counted(1) as progress, progress.part(scene.file.name):
         effects = simulate_capture(scene, options.out, options.frames)
     show(effects)
     frames = f"{options.frames} frames of echoes" if options.frames > 1 else "echoes"

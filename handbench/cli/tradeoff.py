@@ -17,10 +17,10 @@ def run(options: argparse.Namespace) -> str:
     picture and the report.
     --max-mae and --max-time ask for one setting within these limits. If there is none,
     HandbenchError is raised after everything is written."""
+    from handbench.bench.benchmarks.benchmark_file import load_tradeoff
     from handbench.bench.evaluation.front import chosen
     from handbench.bench.evaluation.metrics import HEADLINE
     from handbench.bench.run import runner
-    from handbench.bench.run.benchmark_file import load_tradeoff
     from handbench.reports.figures.fronts import pictures, ranked_methods
     from handbench.reports.figures.style import save
     from handbench.reports.page.html import build

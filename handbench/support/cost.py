@@ -8,7 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,14 @@ import psutil
 
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import workers
-from handbench.support.progress import duration, say
+from handbench.support.progress import duration
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
 GEMM_S = 0.5
 # points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
 TERMS_PER_S = 1e10
-ANNOUNCED_S, MOST_HOURS = 10.0, 24.0
+MOST_HOURS = 24.0
 
 
 @dataclass
@@ -104,10 +103,12 @@ def gemm_gflops() -> float:
     """Measure the rate of float32 matrix products on all cores, GFLOP/s.
     The best rate within half a second is returned, because other work on the machine can only lower
     it."""
-    gemm(GEMM_SIZE)  # threads and buffers are made once
+    generator = np.random.default_rng(0)
+    a, b = (generator.standard_normal((GEMM_SIZE, GEMM_SIZE), dtype=np.float32) for _ in range(2))
+    np.matmul(a, b)  # threads and buffers are made once
     best_s, end = float("inf"), time.perf_counter() + GEMM_S
     while (start := time.perf_counter()) < end:
-        gemm(GEMM_SIZE)
+        np.matmul(a, b)
         best_s = min(best_s, time.perf_counter() - start)
     return 2e-9 * GEMM_SIZE**3 / best_s
 
@@ -134,19 +135,6 @@ def _processor() -> str:
         return platform.processor() or platform.machine()
 
 
-def gemm(size: int) -> np.ndarray:
-    """Return the product of two fixed random float32 matrices [size, size], computed with 2·size³
-    operations on all cores."""
-    return np.matmul(*_factors(size))
-
-
-@cache
-def _factors(size: int) -> tuple[np.ndarray, np.ndarray]:
-    generator = np.random.default_rng(0)
-    a, b = (generator.standard_normal((size, size), dtype=np.float32) for _ in range(2))
-    return a, b
-
-
 def require_memory(needed_bytes: float, what: str) -> None:
     """Raise a HandbenchError if imaging needs more memory than allowed, which is
     HANDBENCH_MEMORY_GB or a quarter of the machine's memory.
@@ -162,15 +150,10 @@ def require_memory(needed_bytes: float, what: str) -> None:
         )
 
 
-def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
-    """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores;
-    print the predicted time if it is above 10 s (ANNOUNCED_S).
-
-    Args:
-        core_s: predicted processor time on one core, seconds.
-        what: the work, in words.
-        bytes_: predicted memory; if given, time and memory are always printed.
-    """
+def require_time(core_s: float, what: str) -> None:
+    """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores.
+    core_s: predicted processor time on one core, seconds; what: the work, with which the message
+    begins."""
     hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
     if seconds > 3600 * hours:
         raise HandbenchError(
@@ -178,10 +161,6 @@ def require_time(core_s: float, what: str, bytes_: float | None = None) -> None:
             "use fewer points, tones or pixels, check that all lengths are in metres, or raise "
             "HANDBENCH_HOURS"
         )
-    if bytes_ is not None:
-        say(f"this will take about {duration(seconds)} and {bytes_ / 1e9:.1f} GB ({what})")
-    elif seconds > ANNOUNCED_S:
-        say(f"{what}: this will take about {duration(seconds)}")
 
 
 def setting(name: str, default: float, unit: str) -> float:

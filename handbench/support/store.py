@@ -1,10 +1,10 @@
 """The store of finished stages on disk. Each is in a folder named by its key, the hash of
 everything that its result depends on.
 
-The key is made of the stage's parameters, of the content of its inputs (or the keys of the stages
-that made them), and of all code that it runs, down to the versions of libraries
-(`support.code_hash`). The code is found automatically. A changed input, option, source file or
-library therefore never gives an outdated result.
+A stage is a function that fills a folder, declared by the decorator `stage` with the rooms whose
+source it runs. Its key is made of its arguments, of the content of its inputs, of every file in
+those rooms, and of the versions of the libraries. A changed input, option, source file or library
+therefore never gives an outdated result.
 
 A folder appears complete or not at all, so that an interrupted run resumes where it stopped. It
 contains checksums of its files, by which damage is found before the files are used, and a stamp
@@ -13,24 +13,25 @@ with the cost of making it.
 
 import json
 import os
+import sys
 import zlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import InitVar, asdict, dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from handbench.support import code_hash
 from handbench.support.cost import Cost, calibrated_machine, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
 from handbench.support.folder import is_owned_folder, read_owned, require_owned
 from handbench.support.progress import say
 
-# in each folder: size and checksum of its files; what they cost
-MANIFEST, STAMP = ("manifest.json", "stage.json")
+MANIFEST = "manifest.json"  # in each folder: size and checksum of its files
+STAMP = "stage.json"  # in each folder: what they cost
+PACKAGE = Path(__file__).parents[1]
 LIBRARIES = (
     "handbench",
     "numpy",
@@ -43,45 +44,114 @@ LIBRARIES = (
 )
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A processing step whose result is stored on disk: a call of `function` with a folder to fill
-    and `arguments` (plain values and paths). Any machine that sees these files can run it. The
-    function is one at the top level of a module.
+class Input(NamedTuple):
+    """An argument of a stage that its key knows by something else, such as a folder by the hash of
+    its content.
+    value: what the function receives; key: what identifies it, plain values or a hash."""
 
-    name, capture, method: what the step does, for which capture and which method (the last two may
-    be empty). inputs: everything besides code on which the result depends: values, paths of files,
-    keys of earlier steps. plugged: values that identify code which cannot be found by following
-    imports, such as a plug-in. code: hash of all code that runs. key: hash of everything on which
-    the result depends.
-    """
+    value: Any
+    key: Any
+
+
+class Declared(NamedTuple):
+    """What the decorator `stage` says of a function: the stage's name, and the source that it runs,
+    as folders and files of handbench."""
 
     name: str
-    function: Callable[..., Any]
+    sources: tuple[str, ...]
+
+
+DECLARED: dict[Callable[..., None], Declared] = {}
+
+
+def stage(name: str, *sources: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that declares a function as a stage: it fills the folder that is its first
+    argument.
+    name: of the stage. sources: folders and files of handbench's source, such as "radar/data",
+    whose change makes a finished stage outdated; `support` always counts."""
+
+    def declare(function: Callable[..., None]) -> Callable[..., None]:
+        DECLARED[function] = Declared(name, (*sources, "support"))
+        return function
+
+    return declare
+
+
+@cache
+def code_key(function: Callable[..., None]) -> str:
+    """Return the hash of all that a stage's function runs: the files of the sources that it
+    declares, as this process first read them, and the versions of the libraries and of Python."""
+    sources = {name: source_hash(name) for name in DECLARED[function].sources}
+    return content_hash(sources, versions(), sys.version_info[:2])
+
+
+@cache
+def source_hash(name: str) -> str:
+    """Return the hash of a folder or a file of handbench's source, such as "radar/data": names and
+    content of its files, without what Python and numba compile."""
+    # the rooms are in the package, or in a clone next to it
+    place = next(path for path in (PACKAGE / name, PACKAGE.parent / name) if path.exists())
+    files = [place] if place.is_file() else sorted(place.rglob("*"))
+    kept = [file for file in files if file.is_file() and "__pycache__" not in file.parts]
+    return content_hash([[file.relative_to(place).as_posix(), content_hash(file)] for file in kept])
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """A call of a stage's function, whose result is stored on disk. Any machine that sees the files
+    can carry it out.
+
+    function: declared by `stage`; it is called with a folder to fill and `arguments`, plain values,
+    of which an `Input` is known by its own key. capture, method: for which the stage works (may be
+    empty). shares: it may run beside other stages, because its time is no result. code: hash of all
+    code that runs. key: hash of everything on which the result depends.
+    """
+
+    function: Callable[..., None]
     arguments: dict[str, Any]
-    inputs: InitVar[list[Any]]
     capture: str = ""
     method: str = ""
-    plugged: InitVar[tuple[str, ...]] = ()
+    shares: bool = False
     code: str = field(init=False)
     key: str = field(init=False)
 
-    def __post_init__(self, inputs: list[Any], plugged: tuple[str, ...]) -> None:
-        code = stage_code_hash(self.function, plugged)
+    def __post_init__(self) -> None:
+        identity, values = _each(self.arguments, 1), _each(self.arguments, 0)
+        code = code_key(self.function)
         object.__setattr__(self, "code", code)
-        object.__setattr__(
-            self, "key", content_hash(self.name, self.capture, self.method, *inputs, code)
-        )
+        key = content_hash(self.name, self.capture, self.method, identity, code)
+        object.__setattr__(self, "key", key)
+        object.__setattr__(self, "arguments", values)
+
+    @property
+    def name(self) -> str:
+        """The name of the stage, such as "reconstruct"."""
+        return DECLARED[self.function].name
 
     @property
     def label(self) -> str:
-        """Name, capture and method, joined by "-". It is printed, and the name of the step's folder
-        begins with it."""
+        """Name, capture and method, joined by "-". It is printed, and the name of the stage's
+        folder begins with it."""
         return "-".join(part for part in (self.name, self.capture, self.method) if part)
 
     def folder(self, root: Path) -> Path:
-        """Return the path of the folder with the result of this step, in the store `root`."""
+        """Return the path of the folder with the result of this stage, in the store `root`."""
         return root / f"{self.label}-{self.key[:16]}"
+
+    def output(self, root: Path, file: str = "") -> Input:
+        """Return the folder of this stage, or a file in it, as the input of another stage."""
+        return Input(str(self.folder(root) / file), [self.key, file])
+
+
+def _each(arguments: Any, part: int) -> Any:
+    """Return arguments with the value (part 0) or the key (part 1) of each `Input` in its place."""
+    if isinstance(arguments, Input):
+        return arguments[part]
+    if isinstance(arguments, dict):
+        return {name: _each(value, part) for name, value in arguments.items()}
+    if isinstance(arguments, list | tuple):
+        return [_each(value, part) for value in arguments]
+    return arguments
 
 
 @dataclass
@@ -91,16 +161,8 @@ class Stamp(Cost):
     machine: dict[str, Any] = field(default_factory=dict)
 
 
-def stage_code_hash(function: Callable[..., Any], plugged: tuple[str, ...] = ()) -> str:
-    """Return the hash of all code that a function runs: its module and everything that this
-    imports, as this process first read it.
-    plugged: values that identify code which cannot be found by following imports, such as a
-    plug-in."""
-    return content_hash(code_hash.key_of(function.__module__), plugged)
-
-
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
-    """Run a processing step, unless the store `root` has its complete result.
+    """Carry out a stage, unless the store `root` has its complete result.
     Returns the cost of making the result, and whether it was in the store already. A result whose
     checksums do not match is reported and computed again."""
     require_owned(root)
@@ -129,20 +191,15 @@ def changed(folder: Path) -> str | None:
         expected = {}
     if STAMP not in expected:  # which every list that is ours names
         return f"the file {MANIFEST} is missing or damaged"
-    found = _checksums(folder)
-    wrong = sorted(name for name in expected if expected[name] != found.get(name))
-    if not wrong:
-        return None
-    return (
-        f"{wrong[0]}{f' and {len(wrong) - 1} more' if len(wrong) > 1 else ''} changed since it "
-        "was written (its checksum differs)"
-    )
+    sums = _checksums(folder)
+    wrong = sorted(name for name in expected if expected[name] != sums.get(name))
+    return f"{', '.join(wrong)} changed since it was written (checksum)" if wrong else None
 
 
 def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
     """Compute size and CRC-32 of every file in a folder except the manifest: relative path →
     (bytes, CRC). A CRC detects accidental changes and takes 0.4 s per GB."""
-    found = {}
+    sums = {}
     for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
         if file == f"{folder}/{MANIFEST}":
             continue
@@ -150,8 +207,8 @@ def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
             size, crc = 0, 0
             for part in read_owned(file):
                 size, crc = size + len(part), zlib.crc32(part, crc)
-            found[os.path.relpath(file, folder)] = size, crc
-    return found
+            sums[os.path.relpath(file, folder)] = size, crc
+    return sums
 
 
 @cache
@@ -159,8 +216,8 @@ def versions() -> dict[str, str]:
     """Return the versions that every result records: library → version, for handbench and the
     libraries that it uses; without those that are not installed, which only a part of handbench
     needs."""
-    found = {}
+    installed = {}
     for name in LIBRARIES:
         with suppress(metadata.PackageNotFoundError):
-            found[name] = metadata.version(name)
-    return found
+            installed[name] = metadata.version(name)
+    return installed

@@ -21,8 +21,6 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support import code_hash
-from handbench.support.code_hash import with_version
 from handbench.support.config import Config, checked_name, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash
@@ -133,6 +131,15 @@ def method_key(id: str) -> tuple[str, ...]:
     return source_key(METHODS[id]) if id in METHODS else ()
 
 
+def with_version(distribution: str) -> str:
+    """Return a distribution's name with its installed version, such as "numpy 2.1.0"; with "none"
+    if it is not installed."""
+    try:
+        return f"{distribution} {metadata.version(distribution)}"
+    except metadata.PackageNotFoundError:  # an extra that is not installed
+        return f"{distribution} none"
+
+
 @cache
 def source_key(method: Method) -> tuple[str, ...]:
     """Return hashes and versions that change with a method's code, so that results stored under
@@ -152,8 +159,7 @@ def source_key(method: Method) -> tuple[str, ...]:
             "of it; define it in a Python file"
         )
     if method.distribution is None:
-        ours = _top(method.run.__module__) == code_hash.PACKAGE
-        return (code_hash.key_of(method.run.__module__) if ours else content_hash(file),)
+        return () if _top(method.run.__module__) == OWN else (content_hash(file),)
     package = sys.modules[_top(method.run.__module__)]
     roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
     files = [

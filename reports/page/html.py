@@ -19,7 +19,6 @@ from handbench.reports.page import rendering, scene3d, sections, summary, tradeo
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables import latex, result_tables
 from handbench.reports.tables.blocks import blocks, caption
-from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.parallel import script_left_out, workers
@@ -30,9 +29,6 @@ SECTIONS = (
     *("verdicts", "findings", "effects", "uncertainty", "reliability"),
     *("provenance", "command", "settings", "captures"),
 )
-# Of processor time: figures and tables of a result, and what a capture's method adds on the first
-# page and on others.
-REPORT_S, MAP_S, FURTHER_S = 4.0, 0.25, 0.18
 FIRST = 3  # captures on the first page where there are more
 STILL_PX = 272  # height of a capture's picture beside its table
 
@@ -58,10 +54,6 @@ def build(folder: str | Path, out: str | Path) -> Path:
             f"{out}: is the result folder itself, whose table.csv the report would overwrite; "
             "choose another folder"
         )
-    captures, methods = len(result.about.captures), len(result.about.methods)
-    first = captures if captures <= ABREAST else FIRST
-    drawn_s = MAP_S * first + FURTHER_S * (captures - first)
-    require_time(REPORT_S + methods * drawn_s, f"report: {captures * methods} maps")
     rendering.begin(out)
     texts = {
         "table.md": result_tables.markdown(result),

@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
 from tests.independent import table_by_hand

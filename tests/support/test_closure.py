@@ -13,13 +13,13 @@ from handbench.support.code_hash import Sources, installed
 from tests.installed_copy import copy_package
 
 STAGES = {
-    "simulate": "handbench.bench.run.simulate_stage",
+    "simulate": "handbench.bench.stages.simulate",
     "inspect": "handbench.bench.validation.capture_warnings",
     "sparse": "handbench.groundtruth.sparse_stage",
     "dense": "handbench.groundtruth.dense_stage",
     "mesh": "handbench.groundtruth.mesh_stage",
-    "calibrate": "handbench.bench.run.calibrate_stage",
-    "reconstruct": "handbench.bench.run.reconstruct_stage",
+    "calibrate": "handbench.bench.stages.calibrate",
+    "reconstruct": "handbench.bench.stages.reconstruct",
     "repeat": "handbench.bench.run.repeat_stage",
     "score": "handbench.bench.run.scoring",
     "method": "handbench.radar.methods.presets",

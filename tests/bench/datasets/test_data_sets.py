@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import CaptureFile
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 

@@ -11,8 +11,8 @@ import pytest
 
 import handbench as hb
 from handbench.bench import results
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.native import NativeCapture
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray

@@ -12,8 +12,8 @@ from pkgutil import resolve_name
 
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.results import Result
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.support.store import MANIFEST, STAMP
 

@@ -37,8 +37,8 @@ def performed(
 ) -> list[StageOutcome]:
     """The outcomes of stages that a run has an executor carry out, by a job that stands for the
     real ones."""
+    from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import jobs, runner
-    from handbench.bench.run.benchmark_file import load_benchmark
 
     for stage in (stage for stage in stages if stage.method):
         write_json(stage.folder(root) / runner.TIMING, {})

@@ -13,11 +13,11 @@ import numpy as np
 import psutil
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.native import CaptureFile, NativeCapture, save_capture_file
 from handbench.bench.results import load
-from handbench.bench.run import foreign
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.reconstruct_stage import DEPTH
+from handbench.bench.stages import foreign
+from handbench.bench.stages.reconstruct import DEPTH
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.run.benchmark_file import load_benchmark
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash

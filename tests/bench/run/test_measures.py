@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from handbench.bench import results
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.run import jobs
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture

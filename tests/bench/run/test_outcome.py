@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
+from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.results.about import MEASURES
 from handbench.bench.run import outcome, scoring, write_result
-from handbench.bench.run.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.run.outcome import Outcome, RunCapture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.surface import Surface

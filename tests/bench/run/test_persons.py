@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import BenchFile, embedded_benchmarks, load_benchmark
 from handbench.bench.run import jobs
-from handbench.bench.run.benchmark_file import BenchFile, embedded_benchmarks, load_benchmark
 from handbench.bench.validation.inspection import problems_of
 from handbench.support.errors import HandbenchError
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run import executors
-from handbench.bench.run.benchmark_file import load_benchmark
 from handbench.bench.run.executors import HASH, DaskExecutor, LocalExecutor, elsewhere
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.run.benchmark_file import BenchFile, load_benchmark, load_tradeoff
+from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark, load_tradeoff
 from handbench.support.errors import HandbenchError
 
 BENCH = 'version = 1\nname = "swept"\n[[capture]]\nscene = "ball.toml"\n[[method]]\n'

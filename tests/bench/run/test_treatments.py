@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from handbench.bench import results
+from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.evaluation.treatments import WINDOW_PX
 from handbench.bench.run import reconstruct_stage
-from handbench.bench.run.benchmark_file import load_benchmark
-from handbench.bench.run.reconstruct_stage import read_treated, write_treated
 from handbench.bench.run.runner import run
 from handbench.bench.run.scoring import completed_by
+from handbench.bench.stages.reconstruct import read_treated, write_treated
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap

@@ -57,7 +57,7 @@ def test_the_error_is_the_distance_where_both_surfaces_are(tmp_path, monkeypatch
     measure_quality(tmp_path, ball, 3, 300, "draft", 0)
     found = json.loads((tmp_path / "quality.json").read_text())
     # the true surface has edges of 4 mm: flat to 0.06 mm; half the disc, less the rim
-    assert found["rms_mm"] == pytest.approx(0.2, abs=0.06)
+    assert found["surface_rms_mm"] == pytest.approx(0.2, abs=0.06)
     assert found["observed_percent"] == pytest.approx(49, abs=2)
     assert found["seconds"] == 5.5
     [(photos, [camera, *_])] = asked

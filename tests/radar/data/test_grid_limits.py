@@ -2,7 +2,7 @@
 
 import pytest
 
-from handbench.bench.run.benchmark_file import MethodEntry
+from handbench.bench.benchmarks.benchmark_file import MethodEntry
 from handbench.bench.scenes.scene_file import Photos, Sensor
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.methods.fsk_config import FskConfig

@@ -21,21 +21,24 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_folder
 from handbench.bench.pipeline.image import configured
-from handbench.bench.run.benchmark_file import MethodEntry
-from handbench.bench.run.reconstruct_stage import DEPTH, TIMING, write_treated
+from handbench.bench.stages.reconstruct import DEPTH, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
+from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, read_npz, write_json
+from handbench.support.files import content_hash, inside, read_npz, write_json
 from handbench.support.parallel import PR_SET_PDEATHSIG
+from handbench.support.store import Input, Stage, stage
 
 LIMIT_S = 600.0  # for one capture
 SAME_M = 1e-6  # pixels of two grids that are the same
 LAST_BYTES = 4096  # of a program's output, which an error quotes
+SOURCES = ("bench/stages", "bench/datasets", "bench/pipeline/image.py", "bench/benchmarks", "radar")
 # of the environment, which a program gets
 VARIABLES = (
     "PATH",
@@ -60,6 +63,35 @@ def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
     return grid.pixels if isinstance(grid, VoxelGrid) else grid
 
 
+def foreign_stage(
+    bench: BenchFile, base: Path, capture: Input, about: CaptureFile, entry: MethodEntry
+) -> Stage:
+    """Return the stage that obtains the depth map of a foreign method, which is not part of
+    handbench: it reads the file of the map, or runs the command of the method.
+    base: folder to which the benchmark's paths are relative. capture: the capture's folder; about:
+    its description. Raises HandbenchError if the file is missing."""
+    grid = pixels(about, bench.method)
+    arguments: dict[str, Any] = {"method": entry.label, "x_m": grid.x_m, "y_m": grid.y_m}
+    if entry.command is not None:
+        arguments |= {
+            "capture": capture,
+            "command": Input(words(entry.command, base), program_key(entry.command, base)),
+            "limit_s": entry.limit_s or LIMIT_S,
+            "config": {"command": entry.command},
+        }
+        return Stage(run, arguments, about.name, entry.label)
+    folder = inside(base, entry.maps or "", "method.maps")
+    file = inside(folder, f"{about.name}.npz", "method.maps")
+    if not file.is_file():
+        there = suggest(about.name, [path.stem for path in folder.glob("*.npz")]) or "none"
+        raise HandbenchError(f"{file}: the depth map of '{about.name}' is missing; {there}")
+    arguments |= {
+        "file": Input(str(file), content_hash(file)),
+        "config": Input({"maps": entry.maps}, None),
+    }
+    return Stage(take, arguments, about.name, entry.label)
+
+
 def words(command: str, base: Path) -> list[str]:
     """Split a command line into words. A word that names a file in the folder `base` becomes its
     path.
@@ -76,6 +108,7 @@ def program_key(command: str, base: Path) -> list[str]:
     return [command, *(content_hash(Path(file)) for file in files)]
 
 
+@stage("reconstruct", *SOURCES)
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
@@ -87,6 +120,7 @@ def take(
     _save(folder, *read_map(Path(file), method, PixelGrid(x_m, y_m)))
 
 
+@stage("reconstruct", *SOURCES)
 def run(
     folder: Path,
     command: list[str],

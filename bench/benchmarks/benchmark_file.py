@@ -30,7 +30,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_folder
 from handbench.support.limits import MOST_TABLES
 
-EMBEDDED = Path(__file__).parent / "benchmarks"
+EMBEDDED = Path(__file__).parent
 FOLDER = Path(__file__).with_name("folder.toml")  # the benchmark of a folder of captures
 PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file to write
 EXAMPLE = "python mine.py {capture} {depth}"
@@ -304,7 +304,7 @@ def embedded_benchmarks() -> dict[str, Path]:
     return {
         path.stem: path
         for path in sorted(EMBEDDED.glob("*.toml"))
-        if "\n[[method]]" in path.read_text("utf-8")
+        if path != FOLDER and "\n[[method]]" in path.read_text("utf-8")
     }
 
 

@@ -1,17 +1,20 @@
-"""The stage that images a capture by one method: it turns echoes into a depth map, and measures the
-time."""
+"""The stages that image a capture by one method: they turn echoes into depth maps, and measure the
+time and the scatter of the depths over repeated frames."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map
+from handbench.bench.evaluation.repeats import strongest_scatterer_z_m
 from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.capture import RadarCapture
@@ -22,14 +25,35 @@ from handbench.support.config import Config
 from handbench.support.cost import others
 from handbench.support.files import read_json, read_npz, write_json, write_npz
 from handbench.support.limits import KEPT_BYTES
+from handbench.support.store import stage
 
-DEPTH, FRAMES, TIMING = "depth.npz", "frames.npz", "timing.json"
+DEPTH = "depth.npz"
+FRAMES = "frames.npz"
+REPEATS = "repeats.npz"
+TIMING = "timing.json"
+TREATED = "treated.npz"
 VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-# of a median time: how near its interval shall be, and for how long that is tried
-SETTLED, SETTLE_S = (0.05, 0.5)
+SETTLED = 0.05  # of a median time: how near its interval shall be
+SETTLE_S = 0.5  # for how long that is tried
+FILTERS = "_filter_px"  # end of a configuration's names
+DROPS = "drop_"  # beginning of a configuration's names
 
 
+SOURCES = (
+    "bench/stages/reconstruct.py",
+    "bench/datasets",
+    "bench/evaluation/depth_errors.py",
+    "bench/evaluation/repeats.py",
+    "bench/evaluation/treatments.py",
+    "bench/pipeline/image.py",
+    "calibration",
+    "groundtruth/mesh",
+    "radar",
+)
+
+
+@stage("reconstruct", *SOURCES)
 def reconstruct(
     folder: Path,
     capture: str,
@@ -50,27 +74,104 @@ def reconstruct(
     many frames are imaged."""
     from handbench.radar.methods.projection import cached_peaks
 
-    kept: dict[Any, Any] = {}
+    peaks: dict[Any, Any] = {}
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
-        with cached_peaks(kept):
-            found = imager.images()
-        seconds = imager.until_settled(found.seconds)
-        depths = [result.depth for result in found.results]
+        with cached_peaks(peaks):
+            images = imager.images()
+        seconds = imager.until_settled(images.seconds)
+        depths = [result.depth for result in images.results]
         if seconds[0] < PLANNED_S:
 
             def image(settings: Config) -> DepthMap:
                 return replace(imager.task, settings=settings).image().depth
 
-            with cached_peaks(kept, reuse=True):
+            with cached_peaks(peaks, reuse=True):
                 write_treated(folder, image, imager.task.settings, depths[0])
-    # whose time is none of the method's
+    # not timed: the uncertainty is not part of the method
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
         write_frames(folder, depths)
-    times = {"seconds": seconds, "plan_seconds": found.plan_s, "others_cores": busy[0]}
-    measured = measuring_times(imager.task.echoes)
-    write_json(folder / TIMING, times | {"image_error": found.image_error} | measured)
+    measured = {"image_error": images.image_error} | measuring_times(imager.task.echoes)
+    _write_times(folder, seconds, images.plan_s, busy[0], measured)
+
+
+@stage("repeat", *SOURCES)
+def repeat(
+    folder: Path,
+    capture: str,
+    method: str,
+    config: dict[str, Any],
+    device: str,
+    every_nth_antenna: int,
+    frames: int,
+) -> None:
+    """Image repeated frames of a capture by one method, and write the scatter of the depths into a
+    stage's folder.
+    It writes the depth of the strongest scatterer in each frame and the standard deviation of each
+    pixel (repeats.npz), and the times of the frames (timing.json). The arguments are those of
+    `reconstruct`."""
+    with use_device(device), others() as busy:
+        images = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
+    depths = [result.depth for result in images.results]
+    spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
+    write_npz(
+        folder / REPEATS,
+        z_m=strongest_z_m(depths),
+        x_m=spread.x_m,
+        y_m=spread.y_m,
+        deviation_m=spread.error_m,
+    )
+    _write_times(folder, images.seconds, images.plan_s, busy[0])
+
+
+@stage("time", *SOURCES)
+def time_again(
+    folder: Path,
+    capture: str,
+    method: str,
+    config: dict[str, Any],
+    device: str,
+    every_nth_antenna: int,
+    frames: int,
+    round_: int,
+) -> None:
+    """Image a capture by one method once more, for the time alone (timing.json).
+    round_: number of the round of a benchmark in which this happens; the other arguments are those
+    of `reconstruct`."""
+    with use_device(device), others() as busy:
+        imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
+        images = imager.images()
+        seconds = imager.until_settled(images.seconds)
+    _write_times(folder, seconds, images.plan_s, busy[0])
+
+
+def _write_times(
+    folder: Path,
+    seconds: list[float],
+    plan_s: float | None,
+    others_cores: float,
+    further: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
+    """Write timing.json: the times of the images, s, and of the plan; the cores that other work
+    took meanwhile; and further entries."""
+    times = {"seconds": seconds, "plan_seconds": plan_s, "others_cores": others_cores}
+    write_json(folder / TIMING, {**times, **further})
+
+
+def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
+    """Return the depth [n], metres, of the strongest scatterer in each of the n repeated frames.
+    It is read at the same pixel in all frames. depths: one depth map for each frame."""
+    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
+    return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
+
+
+def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:
+    """Read the scatter of a capture's repeated frames from the stage's folder.
+    Returns the depths of the strongest scatterer [n], metres, and an ErrorMap that holds the
+    standard deviation of each pixel in place of errors."""
+    kept = read_npz(folder / REPEATS, ("z_m", "x_m", "y_m", "deviation_m"))
+    return kept["z_m"], ErrorMap(kept["x_m"], kept["y_m"], kept["deviation_m"], kept["deviation_m"])
 
 
 def write_frames(folder: Path, depths: Sequence[DepthMap]) -> None:
@@ -198,10 +299,6 @@ def settled(seconds: list[float]) -> bool:
     if outer < 1:
         return False
     return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
-
-
-TREATED = "treated.npz"
-FILTERS, DROPS = "_filter_px", "drop_"  # end and beginning of a configuration's names
 
 
 def write_treated(

@@ -1,0 +1,1 @@
+"""Benchmark files: their format, and those that are installed with handbench."""

@@ -1,1 +1,0 @@
-"""Embedded benchmarks and their scenes."""
