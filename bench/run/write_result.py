@@ -58,9 +58,9 @@ Imaged = tuple[Stage, Path]  # a finished stage of imaging, and its folder
 class RunOutcome:
     """Everything that a run made.
     targets: captures of the calibration target. engine: what the stages cost, and which failed.
-    images: the finished stages of imaging; qualities: those of the ground truth's sweep. references: capture → names of its references. scores:
-    capture → folder of its scores. meshes: capture → folder with the mesh of its photographs.
-    facts: entries of result.json."""
+    images: the finished stages of imaging; qualities: those of the ground truth's sweep.
+    references: capture → names of its references. scores: capture → folder of its scores. meshes:
+    capture → folder with the mesh of its photographs. facts: entries of result.json."""
 
     bench: BenchFile
     captures: list[RunCapture]

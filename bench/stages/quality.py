@@ -56,8 +56,8 @@ def measure_quality(
     """Reconstruct a surface from some of a capture's photographs, and write its error and time to
     quality.json in `folder`: surface_rms_mm, observed_percent and seconds.
 
-    Rays along z, GRID_M apart in the radar frame, sample both surfaces. surface_rms_mm is the root mean
-    square distance of the reconstructed points from the true surface; observed_percent is the
+    Rays along z, GRID_M apart in the radar frame, sample both surfaces. surface_rms_mm is the root
+    mean square distance of the reconstructed points from the true surface; observed_percent is the
     reconstructed share of the true points inside the capture's crop box.
 
     Args:
