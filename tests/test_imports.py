@@ -20,7 +20,7 @@ MAY_IMPORT = {
     "calibration": ("support", "radar"),
     "groundtruth": ("support", "radar.data", "calibration.transforms"),
     "bench": BELOW_CLI[:-1],
-    "reports": ("support", "bench.results"),
+    "reports": ("support", "bench.evaluation", "bench.results"),
     "cli": BELOW_CLI,  # and reports, inside functions
     "interface": BELOW_CLI,
 }
