@@ -6,15 +6,12 @@ source it runs. Its key is made of its arguments, of the content of its inputs, 
 those rooms, and of the versions of the libraries. A changed input, option, source file or library
 therefore never gives an outdated result.
 
-A folder appears complete or not at all, so that an interrupted run resumes where it stopped. It
-contains checksums of its files, by which damage is found before the files are used, and a stamp
-with the cost of making it.
+A folder appears complete or not at all, so that an interrupted run resumes where it stopped. Its
+stamp has the cost of making it, and a hash of its files, by which damage is found before they are
+used.
 """
 
-import json
-import os
 import sys
-import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -26,11 +23,10 @@ from typing import Any, NamedTuple
 from handbench.support.cost import Cost, calibrated_machine, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
-from handbench.support.folder import is_owned_folder, read_owned, require_owned
+from handbench.support.folder import is_owned_folder, require_owned
 from handbench.support.progress import say
 
-MANIFEST = "manifest.json"  # in each folder: size and checksum of its files
-STAMP = "stage.json"  # in each folder: what they cost
+STAMP = "stage.json"  # in each folder: what its files cost, and their hash
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = (
     "handbench",
@@ -164,51 +160,33 @@ class Stamp(Cost):
 def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
     """Carry out a stage, unless the store `root` has its complete result.
     Returns the cost of making the result, and whether it was in the store already. A result whose
-    checksums do not match is reported and computed again."""
+    files changed is reported and computed again."""
     require_owned(root)
     folder = stage.folder(root)
     if is_owned_folder(folder):
-        if (wrong := changed(folder)) is None:
-            return Stamp(**read_json(folder / STAMP, "a stage's stamp")), True
-        say(f"{folder}: {wrong}, so this step is computed again")
+        with suppress(HandbenchError, AttributeError, TypeError):  # what is no stamp of ours
+            require_owned(folder / STAMP)
+            facts = read_json(folder / STAMP, "a stage's stamp")
+            if facts.pop("content", "") == _digest(folder, facts):
+                return Stamp(**facts), True
+        say(f"{folder}: its files changed since they were written, so it is computed again")
     machine = calibrated_machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
         with measured() as cost:
             stage.function(temporary, **stage.arguments)
-        stamp = Stamp(**asdict(cost), machine=machine)
-        write_json(temporary / STAMP, asdict(stamp))
-        write_json(temporary / MANIFEST, _checksums(temporary))
-    return stamp, False
+        facts = {**asdict(cost), "machine": machine}
+        write_json(temporary / STAMP, {**facts, "content": _digest(temporary, facts)})
+    return Stamp(**facts), False
 
 
-def changed(folder: Path) -> str | None:
-    """Describe what is wrong with a stored result: files that differ from their checksums, or a
-    list of checksums that is missing or broken. Returns None if nothing is wrong."""
-    try:
-        written = json.loads(b"".join(read_owned(folder / MANIFEST)))
-        expected = {name: tuple(facts) for name, facts in written.items()}
-    except (OSError, ValueError, TypeError, AttributeError, RecursionError, HandbenchError):
-        expected = {}
-    if STAMP not in expected:  # which every list that is ours names
-        return f"the file {MANIFEST} is missing or damaged"
-    sums = _checksums(folder)
-    wrong = sorted(name for name in expected if expected[name] != sums.get(name))
-    return f"{', '.join(wrong)} changed since it was written (checksum)" if wrong else None
-
-
-def _checksums(folder: Path) -> dict[str, tuple[int, int]]:
-    """Compute size and CRC-32 of every file in a folder except the manifest: relative path →
-    (bytes, CRC). A CRC detects accidental changes and takes 0.4 s per GB."""
-    sums = {}
-    for file in sorted(f"{at}/{name}" for at, _, names in os.walk(folder) for name in names):
-        if file == f"{folder}/{MANIFEST}":
-            continue
-        with suppress(HandbenchError):  # what is no file of ours is none of those that were made
-            size, crc = 0, 0
-            for part in read_owned(file):
-                size, crc = size + len(part), zlib.crc32(part, crc)
-            sums[os.path.relpath(file, folder)] = size, crc
-    return sums
+def _digest(folder: Path, facts: dict[str, Any]) -> str:
+    """Return the hash of a stage's result: the facts of its stamp, and the names and the content of
+    its other files. Raises HandbenchError for a link or a pipe."""
+    paths = [path for path in sorted(folder.rglob("*")) if require_owned(path)]
+    files = [path for path in paths if path.is_file() and path.name != STAMP]
+    return content_hash(
+        facts, [[path.relative_to(folder).as_posix(), content_hash(path)] for path in files]
+    )
 
 
 @cache
