@@ -291,9 +291,11 @@ class BenchFile(Config):
             )
         return self
 
-    def frames_of(self, source: Source) -> int:
+    def frames_of(self, source: Origin) -> int:
         """Return how many frames of a capture the benchmark needs: the larger of the numbers of
-        frames for the accuracy and for the precision."""
+        frames for the accuracy and for the precision; one of a calibration target."""
+        if not isinstance(source, Source):
+            return 1
         frames = self.frames if "accuracy" in source.measures else 1
         repeated = "precision" in source.measures and any(entry.precision for entry in self.method)
         return max(frames, self.repeats) if repeated else frames

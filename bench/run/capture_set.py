@@ -9,7 +9,7 @@ from typing import Any
 
 import tomlkit
 
-from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, Source, load_benchmark
+from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, load_benchmark
 from handbench.bench.datasets.simulated import simulate_capture
 from handbench.bench.run.captures import scene_of
 from handbench.bench.scenes.build import build
@@ -39,17 +39,11 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
                 "simulated; leave this capture out"
             )
         scene, file = scene_of(bench, base, source)
-        if isinstance(source, Source) and "accuracy" not in source.measures:
-            scene = scene.model_copy(update={"photos": None})  # nothing needs them
         if scene.name in scenes:
             raise HandbenchError(
                 f"{name}: two captures are named '{scene.name}'; give each its own name"
             )
-        scenes[scene.name] = (
-            scene,
-            file.parent,
-            bench.frames_of(source) if isinstance(source, Source) else 1,
-        )
+        scenes[scene.name] = scene, file.parent, bench.frames_of(source)
     _start(folder, _of_captures(bench, name, list(scenes)), list(scenes), overwrite)
     left = {
         folder / CAPTURES / name: scene

@@ -103,19 +103,16 @@ def _opened(
 def _open(bench: BenchFile, base: Path, origin: Origin) -> RunCapture | Stage:
     """Open a capture folder, or return the stage that simulates a scene.
     base: folder to which the benchmark's paths are relative."""
-    frames = bench.frames_of(origin) if isinstance(origin, Source) else 1
+    frames = bench.frames_of(origin)
     if origin.path is not None:
         folder = inside(base, origin.path, "capture.path")
         data = open_capture(folder)
         return RunCapture(folder, data.key(frames), data.about, _measures(origin))
     scene, file = scene_of(bench, base, origin)
-    if "accuracy" not in _measures(origin):  # nothing needs its photographs
-        scene = scene.model_copy(update={"photos": None})
+    named = [content_hash(path) for path in named_files(scene, file.parent)]
     arguments = {
         "scene": scene.model_dump(mode="json"),
-        "base": Input(
-            str(file.parent), [content_hash(path) for path in named_files(scene, file.parent)]
-        ),
+        "base": Input(str(file.parent), named),
         "frames": frames,
     }
     return Stage(simulate, arguments, scene.name, shares=scene.photos is not None)
@@ -127,7 +124,8 @@ def _measures(origin: Origin) -> tuple[Measure, ...]:
 
 def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
     """Read the scene of a benchmark's capture, and apply the changes that the benchmark makes to
-    it: `set`, person, phase noise, no photographs. Returns the scene and its file.
+    it: `set`, person, phase noise, no photographs where nothing needs them. Returns the scene and
+    its file.
     base: folder to which the benchmark's paths are relative."""
     path = inside(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
@@ -137,6 +135,6 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
         scene = scene.of_person(*source.persons)
     if bench.phase_noise_rad is not None:
         scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
-    if not source.photos:
+    if not source.photos or "accuracy" not in _measures(source):  # nothing needs them
         scene = scene.model_copy(update={"photos": None})
     return scene, path

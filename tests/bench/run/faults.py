@@ -15,7 +15,7 @@ import pytest
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.results import Result
 from handbench.bench.run.runner import run
-from handbench.support.store import MANIFEST, STAMP
+from handbench.support.store import STAMP
 
 TIMES = {  # what differs from run to run, by the file's name
     "table.csv": rb"(?m)^seconds,.*$",
@@ -24,7 +24,6 @@ TIMES = {  # what differs from run to run, by the file's name
     "tasks.csv": rb"(?m)(,[^,\n]*){9}$",
     "capture.toml": rb"(?m)^seconds = .*$",
     STAMP: rb"(?s).*",
-    MANIFEST: rb"(?s).*",
     "timing.json": rb"(?s).*",
 }
 
@@ -46,7 +45,7 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     def make(temporary: Path, **_: object) -> None:
         made = clean / "work" / temporary.name[1:].rpartition("-")[0]
-        left_out = shutil.ignore_patterns(STAMP, MANIFEST)
+        left_out = shutil.ignore_patterns(STAMP)
         shutil.copytree(made, temporary, ignore=left_out, dirs_exist_ok=True)
 
     for stage in (
