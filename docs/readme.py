@@ -20,9 +20,10 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
+from handbench.bench.evaluation.metrics import chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results import HEADLINE, Result, load
-from handbench.bench.results.about import SHARES, TREATMENTS, on_common_pixels
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save
 from handbench.reports.tables.blocks import NONE, decimals, interval, is_known, number, paper
@@ -32,7 +33,6 @@ from handbench.support.files import write_text
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
-METRICS = (HEADLINE, *SHARES, "floor_mm", "max_mm", "precision_mm", "seconds")
 SPREAD = {"max_mm": "frames_max_deviation_mm"}  # the deviation between frames of a figure
 EQUAL = (("common_percent", "none"), (HEADLINE, "none"), (HEADLINE, "window"))
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "nfsk-plus", "joint", "broadband-aligned")
@@ -47,7 +47,7 @@ def own_table(result: Result) -> str:
     """Return the README's table: the methods with their own settings, next to the paper's
     figures."""
     lines = []
-    for metric in METRICS:
+    for metric in chosen("readme"):
         cells = []
         for method in METHODS:
             spread = result.row(SPREAD.get(metric, ""), method, REFERENCE)

@@ -19,12 +19,11 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
-from handbench.bench.evaluation.metrics import TITLES
 from handbench.bench.results.about import MEASURES, Measure, name_problem
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.photos.photos import FEWEST
-from handbench.radar.methods.registry import method, methods
+from handbench.radar.methods.registry import method, methods, titles
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_folder
@@ -419,7 +418,7 @@ def _combinations(entry: MethodEntry, path: Path) -> Iterator[MethodEntry]:
         for key, value in changes.items():
             resolved = method(entry.id).configure(config, where).model_dump(mode="json")
             config = _with(config, key, value, resolved, f"{where}: sweep")
-        title = entry.title or entry.name or TITLES.get(entry.id, entry.id)
+        title = entry.title or entry.name or titles().get(entry.id, entry.id)
         update = {
             "title": ", ".join([title, *(text.replace("_", " ") for text in words)]),
             "config": config,

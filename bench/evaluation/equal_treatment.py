@@ -7,12 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.metrics import HEADLINE, Values, pool
+from handbench.bench.evaluation.metrics import Values, figures
 
 TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # in words
 FEWEST_PERCENT = 1.0  # of the surface; with fewer a method would decide the others' common pixels
 COMMON = "common_percent"  # the only metric that exists under equal treatment alone
-FIGURES = (HEADLINE, "median_mm", "p95_mm", "max_mm", "bias_mm")  # on the common pixels
 
 
 def on_common_pixels(metric: str) -> str:
@@ -44,8 +43,7 @@ def treated_figures(maps: Mapping[str, np.ndarray], reference_z_m: np.ndarray) -
     found = {}
     for method, z_m in maps.items():
         error_m = np.where(common, z_m - reference_z_m, np.nan)
-        pooled = pool([ErrorMap(x, y, error_m, reference_z_m)])
-        figures = {key: pooled[key] for key in FIGURES}
-        figures[COMMON] = 100 * float(common.sum() / surface) if surface else None
-        found[method] = figures
+        values = figures(ErrorMap(x, y, error_m, reference_z_m), place="common")
+        values[COMMON] = 100 * float(common.sum() / surface) if surface else None
+        found[method] = values
     return found

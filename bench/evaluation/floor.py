@@ -1,26 +1,10 @@
-"""The ground-truth floor: the mean absolute error that a perfect radar would show because the
-reference itself has errors.
-
-With an error e ~ N(0, σ²) at every pixel, the expected mean of |e| is √(2/π)·mean σ, whatever the
-correlation of the pixels' errors.
-"""
+"""The uncertainty of a reference by its sources."""
 
 import numpy as np
 
-from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.groundtruth.mesh.depth import Reference
 
-ABSOLUTE = np.sqrt(2 / np.pi)  # mean of |e| over σ, for a normal e
 PARTS = ("mesh", "registration")
-
-
-def floor_mm(errors: ErrorMap, reference: Reference) -> float | None:
-    """Compute the ground-truth floor of one map, mm: √(2/π) times the mean σ of the reference over
-    the observed pixels. None if no pixel was observed or if σ is unknown."""
-    observed = np.isfinite(errors.error_m)
-    sigma_m = reference.sigma_m if errors.sigma_m is None else errors.sigma_m
-    mean_m = float(sigma_m[observed].mean()) if observed.any() else np.nan
-    return 1e3 * float(ABSOLUTE) * mean_m if np.isfinite(mean_m) else None
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:

@@ -8,10 +8,9 @@ import numpy as np
 
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
-from handbench.bench.evaluation.floor import floor_mm
-from handbench.bench.evaluation.metrics import Values, pool
+from handbench.bench.evaluation.metrics import Values, figures
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
-from handbench.bench.evaluation.velocity_errors import velocity_figures
+from handbench.bench.evaluation.velocity_errors import velocity_errors
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface
@@ -43,9 +42,8 @@ def score(
     map.
     """
     errors = pixel_errors(depth, reference, protocol, recorded)
-    figures = pool([errors]) | {"floor_mm": floor_mm(errors, reference)}
-    scored = np.isfinite(errors.error_m)
-    return Scores(errors, figures | velocity_figures(depth, scored, reference))
+    velocities = velocity_errors(depth, np.isfinite(errors.error_m), reference)
+    return Scores(errors, figures(errors, velocities))
 
 
 def pixel_errors(

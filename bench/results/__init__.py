@@ -19,10 +19,7 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, each
 from handbench.bench.results.about import (
     HEADLINE,
-    HEADLINES,
     REFERENCES,
-    VELOCITY_BEYOND,
-    VELOCITY_MAE,
     About,
     CaptureFacts,
     Failure,
@@ -52,10 +49,7 @@ from handbench.bench.results.result_folder import (
 
 __all__ = [
     "HEADLINE",
-    "HEADLINES",
     "REFERENCES",
-    "VELOCITY_BEYOND",
-    "VELOCITY_MAE",
     "About",
     "CaptureFacts",
     "Failure",

@@ -2,31 +2,23 @@
 names of captures and methods that would mislead readers."""
 
 import unicodedata
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from handbench.bench.evaluation.equal_treatment import COMMON
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
-from handbench.bench.evaluation.metrics import METRICS, TITLES
-from handbench.bench.evaluation.metrics import VELOCITY_BEYOND as VELOCITY_BEYOND
-from handbench.bench.evaluation.metrics import VELOCITY_MAE as VELOCITY_MAE
+from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES as REFERENCES
+from handbench.radar.methods.registry import titles
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
-# of the surface: what is seen, and what is seen and right
-SHARES = ("observed_percent", "complete_2mm_percent")
-# read at a glance
-HEADLINES = (
-    *(HEADLINE, "floor_mm", "max_mm", *SHARES, COMMON, "precision_mm", "seconds"),
-    *(VELOCITY_MAE, VELOCITY_BEYOND),
-)
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]
 MEASURES: tuple[Measure, ...] = ("accuracy", "precision")
@@ -38,17 +30,18 @@ def folded(name: str) -> str:
     return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold()))
 
 
-# what a name in a table stands for: a reference, or a method's id
-STANDS_FOR = {folded(name): name for name in REFERENCES} | {
-    folded(name): id for id, title in TITLES.items() for name in (id, title)
-}
+@cache
+def _meanings() -> dict[str, str]:
+    """Return what a folded name in a table stands for: a reference, or a method's id."""
+    of_methods = {folded(name): id for id, title in titles().items() for name in (id, title)}
+    return of_methods | {folded(name): name for name in REFERENCES}
 
 
 def name_problem(name: str, own: str = "") -> str:
     """Explain why a name of a capture or method would mislead readers of a table: it reads as a
     reference, or as another method of handbench. Returns "" if it does not.
     own: id of the method that has the name; "" for a capture."""
-    other = STANDS_FOR.get(folded(name), "")
+    other = _meanings().get(folded(name), "")
     if other in REFERENCES:
         return f"'{name}' has the same meaning as '{other}', a reference; choose another name"
     if other not in ("", own):

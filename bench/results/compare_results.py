@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.intervals import FEWEST, note, precision_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS, figure_interval
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, chosen
 from handbench.bench.evaluation.paired import (
     Difference,
     amount_text,
@@ -45,8 +45,8 @@ from handbench.support.files import write_json
 
 COMPARED_VERSION = 2
 PRECISION, TIME = "precision_mm", "seconds"
-ERRORS = (HEADLINE, "max_mm", "complete_2mm_percent")
-FIRST = (*ERRORS, PRECISION, TIME)  # tested or not, in this order
+FIRST = chosen("compare")  # tested or not, in this order
+ERRORS = [metric for metric in FIRST if METRICS[metric].of]
 # of the pixels that either reference has, both must have, to be one hand in one place
 SAME_SHARE = 0.9
 SAME_M = 5e-4  # and differ by at most this in the median
@@ -258,7 +258,7 @@ def _accuracy(
         if np.isnan(difference.p):
             about["untested"] = _captures(usable) if usable < FEWEST else OTHER_PIXELS
         values = [a[metric].mean(), b[metric].mean()]
-        ends = [figure_interval(metric, sample) or NONE for sample in samples]
+        ends = [METRICS[metric].interval(sample) or NONE for sample in samples]
         lines.append(_line(method, metric, values, [*map(len, samples)], ends, difference) | about)
         ours, theirs = a[metric].to_dict(), b[metric].to_dict()
         each = [(ours, theirs)] if basis.paired else [(ours, {}), ({}, theirs)]

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from handbench.bench.evaluation.combine import STRONGEST
 from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
-from handbench.bench.evaluation.main_table import STRONGEST
-from handbench.bench.evaluation.metrics import AVERAGED, HEADLINE, METRICS, figure_interval
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
 from handbench.bench.evaluation.tables import (
     COMPARISONS,
     EQUAL,
-    MOTION,
     RELIABILITY,
     REPEATS,
     ByMethod,
@@ -50,10 +49,9 @@ def compared_metrics(protocol: dict[str, Any]) -> list[str]:
     treatment.
     protocol: the entry "protocol" of result.json."""
     named = protocol.get("compared")
-    known = [metric for metric in AVERAGED if METRICS[metric].better != "zero"]
-    return (
-        [metric for metric in known if metric in named] if isinstance(named, list | tuple) else []
-    )
+    if not isinstance(named, list | tuple):
+        return []
+    return [key for key, m in METRICS.items() if key in named and m.of and m.better != "zero"]
 
 
 def equal_treatment_scores(
@@ -101,21 +99,15 @@ def few_pixels_text(methods: Sequence[str]) -> str:
 
 
 def motion(result: Result) -> pd.DataFrame:
-    """Compute the table MOTION: the figures of every method on every capture whose true velocity is
-    known. Empty if none of them moves."""
-    lines = result.scores[(result.scores.reference == "truth") & (result.scores.frame == 0)]
-    of_capture = {name: lines[lines.metric == name] for name in (SPEED, STEP)}
-    known = {name: dict(zip(of.capture, of.value, strict=True)) for name, of in of_capture.items()}
-    if not any(known[SPEED].values()):
-        return frame(MOTION)
-    figures = MOTION.names[4:]
-    rows = [
-        (capture, method, speed_mm_s, known[STEP].get(capture), *of.loc[capture])
-        for method, own in by_method(result.scores, "truth").items()
-        for of in [own.reindex(list(known[SPEED]), columns=figures)]
-        for capture, speed_mm_s in known[SPEED].items()
-    ]
-    return frame(MOTION, rows)
+    """Compute a line for every method on every capture whose true velocity is known: capture,
+    method, SPEED, STEP, and a column for each metric. Empty if no capture moves."""
+    scores = result.scores
+    lines = scores[(scores.reference == "truth") & (scores.frame == 0) & (scores.treatment == "")]
+    table = lines.pivot(index=["method", "capture"], columns="metric", values="value").reset_index()
+    for name in (SPEED, STEP):
+        known = lines[lines.metric == name].drop_duplicates("capture").set_index("capture").value
+        table[name] = table.capture.map(known)
+    return table[table[SPEED].notna()] if table[SPEED].any() else table[:0]
 
 
 def equal(result: Result) -> pd.DataFrame:
@@ -126,7 +118,7 @@ def equal(result: Result) -> pd.DataFrame:
     for treatment, methods in treated.items():
         for method, figures in methods.items():
             for metric in (metric for metric in figures if metric in METRICS):
-                low, high = figure_interval(metric, figures[metric].to_numpy()) or (None, None)
+                low, high = METRICS[metric].interval(figures[metric].to_numpy()) or (None, None)
                 unit = METRICS[metric].unit
                 rows.append(
                     (metric, treatment, method, figures[metric].mean(), low, high, unit, reference)

@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
+from handbench.bench.evaluation.combine import PER_PIXEL, STRONGEST
 from handbench.bench.evaluation.intervals import note
-from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
-from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.main_table import main_table
+from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
@@ -163,7 +164,7 @@ def collect_scores(outcome: RunOutcome, subset: CommonSubset) -> pd.DataFrame:
                 (capture, method, "", "", number, STRONGEST, float(z_m))
                 for number, z_m in enumerate(strongest_z_m)
             ]
-            median_mm = pool([deviations])["median_mm"]
+            median_mm = figures(deviations)["median_mm"]
             pixels.append((capture, method, "", "", 0, PER_PIXEL, median_mm))
     rows += pixels
     for capture, method in product((capture.name for capture in subset.all_captures), labels):

@@ -19,11 +19,11 @@ from handbench.bench.evaluation import scoring_protocols
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
 from handbench.bench.evaluation.floor import budget
-from handbench.bench.evaluation.metrics import VELOCITY_BIAS, VELOCITY_MAE, Values, pool
+from handbench.bench.evaluation.metrics import Values, figures
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.evaluation.treatments import SMOOTHING
-from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_figures
+from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_errors
 from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results.derived import SPEED, START, STEP
 from handbench.bench.results.maps import SurfaceMap, write_errors, write_surface
@@ -38,8 +38,6 @@ from handbench.support.store import stage
 SCORED = "scores.csv"
 SIGMA = "sigma.json"
 MEASURED = "photogrammetry"  # the reference that has an uncertainty
-OVER_FRAMES = ("mae_mm", "max_mm")
-OF_EACH_FRAME = (*OVER_FRAMES, VELOCITY_MAE, VELOCITY_BIAS)
 Surfaces = Mapping[str, tuple[str, Transform]]  # reference → mesh file, and radar_from_mesh
 
 
@@ -92,12 +90,12 @@ def score_capture(
             further = frames[1:] if reference == "truth" or not truths else []
             for number, later in enumerate(further, 1):
                 there = later_truths.get((key, number), surface)
-                figures = _of_frame(later, there, rules, data)
-                of_frames[number] = figures | _motion(later, there, times, number)
+                values = _of_frame(later, there, rules, data)
+                of_frames[number] = values | _motion(later, there, times, number)
             scores += [
                 (name, method, reference, "", number, metric, value)
-                for number, figures in of_frames.items()
-                for metric, value in figures.items()
+                for number, values in of_frames.items()
+                for metric, value in values.items()
             ]
     first = next(iter(surfaces))
     treated = {
@@ -111,8 +109,8 @@ def score_capture(
             equal = treated_figures(taking_part(depths, surface.z_m), surface.z_m)
             scores += [
                 (name, method, reference, treatment, 0, metric, value)
-                for method, figures in equal.items()
-                for metric, value in figures.items()
+                for method, values in equal.items()
+                for metric, value in values.items()
             ]
         on_pixels = pixels[first].x_m, pixels[first].y_m, surface.z_m, surface.sigma_m
         write_surface(folder, name, reference, SurfaceMap(*on_pixels))
@@ -155,9 +153,9 @@ def _of_frame(
     """Compute the figures of a frame after the first: metric → value.
     data: the capture, whose mask the protocol may use."""
     error_m = scored_z_m(depth, chosen, data) - reference.z_m
-    figures = pool([ErrorMap(depth.x_m, depth.y_m, error_m, reference.z_m)])
-    figures |= velocity_figures(depth, np.isfinite(error_m), reference)
-    return {key: figures[key] for key in OF_EACH_FRAME if key in figures}
+    velocities = velocity_errors(depth, np.isfinite(error_m), reference)
+    errors = ErrorMap(depth.x_m, depth.y_m, error_m, reference.z_m)
+    return figures(errors, velocities, place="frames")
 
 
 def _motion(depth: DepthMap, reference: Reference, times: Mapping[str, Any], frame: int) -> Values:

@@ -22,21 +22,21 @@ def run(options: argparse.Namespace) -> None:
     capture is used again."""
     from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
+    from handbench.bench.evaluation.metrics import HEADLINE
     from handbench.bench.evaluation.metrics import METRICS as DEFINED
-    from handbench.bench.evaluation.metrics import TITLES
     from handbench.bench.pipeline.score import reference_of_surface, score
-    from handbench.bench.results.about import HEADLINE, SHARES
     from handbench.bench.stages.reconstruct import Imager
     from handbench.calibration.transforms import identity
     from handbench.groundtruth.mesh.surface import read_surface
     from handbench.radar.data.grid import PixelGrid
+    from handbench.radar.methods.registry import titles
     from handbench.reports.figures.depth_maps import methods_figure
     from handbench.reports.figures.style import save
     from handbench.reports.tables.result_tables import print_table, terminal_table
     from handbench.support.cost import machine
 
     folder: Path = options.out
-    figures = HEADLINE, SHARES[-1]
+    figures = HEADLINE, "complete_2mm_percent"
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
     _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
     _simulate(folder / SCENE, capture)
@@ -51,14 +51,14 @@ def run(options: argparse.Namespace) -> None:
         values = scores.figures
         lines.append(
             (
-                TITLES[id],
+                titles()[id],
                 *(f"{values[name]:.2f}" for name in figures),
                 f"{median(images.seconds):.2f}",
             )
         )
         shown.append(
             (
-                f"{TITLES[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm",
+                f"{titles()[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm",
                 depth.z_m,
                 scores.errors,
             )

@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> str | None:
     errors, values = scores.errors, scores.figures
     warnings = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
     warnings += [*map_warnings(depth), *figure_warnings(depth, values)]
-    about: dict[str, Any] = {"method": depth.method, "definitions": definitions(list(values))}
+    about: dict[str, Any] = {"method": depth.method, "definitions": definitions(values)}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
     for warning in warnings:

@@ -57,6 +57,7 @@ def _mip(capture: RadarCapture, config: ProjectionConfig, frame: int, id: str) -
 def _preset(
     make: Callable[[RadarCapture, Any, int, str], Reconstruction],
     id: str,
+    title: str,
     config: type[Config],
     summary: str,
     source: str = OURS,
@@ -75,27 +76,38 @@ def _preset(
         }
         config = create_model(config.__name__, __base__=config, **fields)
 
-    @register(id, config, summary, source, base=id.rpartition("-")[0] or None)
+    @register(id, config, summary, source, base=id.rpartition("-")[0] or None, title=title)
     def run(capture: RadarCapture, config: Config, frame: int) -> Reconstruction:
         return make(capture, config, frame, id)
 
 
-_preset(_fsk, "2fsk", TwoToneConfig, "depth from the phase between images at two tones", PAPER)
 _preset(
-    _fsk, "3fsk", ThreeToneConfig, "2-FSK, then a third tone far away corrects every pixel", PAPER
+    _fsk, "2fsk", "2-FSK", TwoToneConfig, "depth from the phase between images at two tones", PAPER
+)
+_preset(
+    _fsk,
+    "3fsk",
+    "3-FSK",
+    ThreeToneConfig,
+    "2-FSK, then a third tone far away corrects every pixel",
+    PAPER,
 )
 _preset(
     _mip,
+    "broadband",
     "broadband",
     BroadbandConfig,
     "backprojected volume of 128 tones, maximum intensity projection",
     PAPER,
 )
-_preset(_mip, "narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER)
+_preset(
+    _mip, "narrowband", "narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER
+)
 
 _preset(
     _fsk,
     "2fsk-settled",
+    "2-FSK settled",
     TwoToneConfig,
     "2-FSK that corrects z_e until it stays",
     corrections=SETTLING,
@@ -103,6 +115,7 @@ _preset(
 _preset(
     _fsk,
     "3fsk-settled",
+    "3-FSK settled",
     ThreeToneConfig,
     "3-FSK that corrects z_e until it stays",
     corrections=SETTLING,
@@ -110,6 +123,7 @@ _preset(
 _preset(
     _fsk,
     "3fsk-offaxis",
+    "3-FSK off-axis",
     ThreeToneConfig,
     "3-FSK with the path's true derivative instead of 2",
     off_axis=True,
@@ -117,33 +131,47 @@ _preset(
 _preset(
     _fsk,
     "3fsk-weighted",
+    "3-FSK weighted",
     ThreeToneConfig,
     "3-FSK with filters that weigh pixels with their power",
     weighted=True,
 )
 _preset(
-    _fsk, "3fsk-plus", ThreeToneConfig, "both, refined twice, without what may have wrapped", **PLUS
+    _fsk,
+    "3fsk-plus",
+    "3-FSK plus",
+    ThreeToneConfig,
+    "both, refined twice, without what may have wrapped",
+    **PLUS,
 )
 _preset(
-    _fsk, "nfsk", LadderConfig, "a ladder of tones, each further away, corrects every pixel in turn"
+    _fsk,
+    "nfsk",
+    "ladder",
+    LadderConfig,
+    "a ladder of tones, each further away, corrects every pixel in turn",
 )
 for _id, _config, _of in (
     ("2fsk", TwoToneConfig, "2-FSK"),
     ("3fsk", ThreeToneConfig, "3-FSK"),
-    ("nfsk", LadderConfig, "the ladder"),
+    ("nfsk", LadderConfig, "ladder"),
 ):
     _preset(
         _fsk,
         f"{_id}-doppler",
+        f"{_of} Doppler",
         _config,
         f"{_of} of a moving target, whose velocity a tone measured twice gives",
         doppler=True,
     )
 
-_preset(_fsk, "nfsk-plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS)
+_preset(
+    _fsk, "nfsk-plus", "ladder plus", LadderConfig, "the ladder with all that 3fsk-plus has", **PLUS
+)
 _preset(
     _mip,
     "broadband-subvoxel",
+    "broadband sub-voxel",
     BroadbandConfig,
     "broadband with depths between voxels",
     subvoxel=True,
@@ -152,6 +180,7 @@ _preset(
 _preset(
     _mip,
     "broadband-aligned",
+    "broadband aligned",
     AlignedConfig,
     "broadband with depths at which the tones' phases agree",
 )

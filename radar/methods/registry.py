@@ -50,9 +50,9 @@ class Method:
     """A registered method: its id, its configuration class, and its function run(capture, config,
     frame) → Reconstruction.
 
-    summary: one line for listings; source: publication or file that describes it; base: id of the
-    method that this one is a variant of, whose sensor-specific settings apply to it; distribution:
-    the plug-in's package (None: built in).
+    summary: one line for listings; title: its name in tables; source: publication or file that
+    describes it; base: id of the method that this one is a variant of, whose sensor-specific
+    settings apply to it; distribution: the plug-in's package (None: built in).
     """
 
     id: str
@@ -60,6 +60,7 @@ class Method:
     run: Callable[[RadarCapture, Any, int], Reconstruction]
     summary: str
     source: str
+    title: str
     base: str | None = None
     distribution: str | None = None
 
@@ -78,7 +79,12 @@ Run = Callable[[RadarCapture, Any, int], Reconstruction]
 
 
 def register(
-    id: str, config: type[Config], summary: str, source: str = PAPER, base: str | None = None
+    id: str,
+    config: type[Config],
+    summary: str,
+    source: str = PAPER,
+    base: str | None = None,
+    title: str = "",
 ) -> Callable[[Run], Run]:
     """Return a decorator that registers a function run(capture, config, frame) → Reconstruction as
     a method; the arguments become the fields of its `Method`.
@@ -102,7 +108,7 @@ def register(
                 f"method '{id}': its base '{base}' is unknown; {suggest(base, list(METHODS))}"
             )
         parse(config, {}, f"method '{id}': defaults")
-        METHODS[id] = Method(id, config, run, summary, source, base)
+        METHODS[id] = Method(id, config, run, summary, source, title or id, base)
         return run
 
     return add
@@ -122,6 +128,11 @@ def methods() -> list[Method]:
     """List all methods, the built-in ones first, in the order of their registration."""
     _load()
     return list(METHODS.values())
+
+
+def titles() -> dict[str, str]:
+    """Return the names of all methods in tables: id → title."""
+    return {method.id: method.title for method in methods()}
 
 
 def method_key(id: str) -> tuple[str, ...]:

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from handbench.bench.evaluation.front import SURFACE, front, fronts
-from handbench.bench.evaluation.metrics import METRICS, TITLES
+from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results import Result
+from handbench.radar.methods.registry import titles
 from handbench.reports.figures.style import COLUMN_IN, INK, Picture, drawn_methods, log_axis, narrow
 from handbench.reports.tables.blocks import figure
 
@@ -51,7 +52,7 @@ def draw(metric: str, settings: pd.DataFrame) -> Picture:
     the front are numbered points, the others are faint."""
     best = front(settings)
     methods = drawn_methods(
-        {id: TITLES.get(id, id) or "setting" for id in dict.fromkeys(settings.id)}
+        {id: titles().get(id, id) or "setting" for id in dict.fromkeys(settings.id)}
     )
     wide_in, high_in, abreast, of_styles = (COLUMN_IN, 2.9, 1, 2) if narrow() else (9, 4.4, 3, 6)
     lines = [f"{i}  " + "\n     ".join(wrap(title, 46)) for i, title in enumerate(best.title, 1)]

@@ -3,7 +3,8 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.results import HEADLINE, VELOCITY_BEYOND, VELOCITY_MAE, CaptureFacts, Result
+from handbench.bench.evaluation.metrics import chosen
+from handbench.bench.results import HEADLINE, CaptureFacts, Result
 from handbench.bench.results.derived import START
 from handbench.reports.figures.style import (
     Picture,
@@ -24,7 +25,7 @@ def errors_over_speed(result: Result) -> Picture:
     the mean radial speed of the surface: a marker for each capture, with a ring if the true speed
     is beyond the method's unambiguous velocity. Lines connect captures of one pose and step
     time."""
-    shown = [m for m in (HEADLINE, VELOCITY_MAE) if result.motion[m].notna().any()]
+    shown = [m for m in chosen("motion") if result.motion[m].notna().any()]
     figure = Figure(figsize=(width_in(5.4), 0.6 + 2.3 * len(shown)), layout="constrained")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     poses = {capture.name: capture.pose for capture in result.about.captures}
@@ -35,7 +36,7 @@ def errors_over_speed(result: Result) -> Picture:
             for _, series in own.groupby(["pose", "step_time_s"], dropna=False):
                 line = "-" if len(series) >= FEWEST else "none"
                 method.draw(axis, series.speed_mm_s, series[metric], linestyle=line)
-            marked = own[own[VELOCITY_BEYOND] > 0]
+            marked = own[own.velocity_beyond_percent > 0]
             ring = {"color": "0.5", "markersize": 9, "fillstyle": "none"}
             axis.plot(marked.speed_mm_s, marked[metric], "o", **ring)
         log_axis(axis, "y")

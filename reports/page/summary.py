@@ -8,16 +8,9 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from handbench.bench.results import (
-    HEADLINE,
-    REFERENCES,
-    VELOCITY_MAE,
-    CaptureFacts,
-    MethodFacts,
-    Result,
-    each,
-)
-from handbench.bench.results.about import SHARES, TREATMENTS
+from handbench.bench.evaluation.metrics import HEADLINE, chosen
+from handbench.bench.results import REFERENCES, CaptureFacts, MethodFacts, Result, each
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import (
@@ -35,21 +28,6 @@ from handbench.reports.tables.blocks import (
 )
 
 SMOOTHED = "window"  # the equal treatment in the main table
-SEEN, RIGHT = SHARES
-COLUMNS = {  # of the main table: (metric, treatment) → its title in few words
-    (HEADLINE, ""): "MAE",
-    (HEADLINE, SMOOTHED): "MAE on common pixels",
-    (RIGHT, ""): "right within 2 mm",
-    ("precision_mm", ""): "precision",
-    (VELOCITY_MAE, ""): "velocity error",
-    ("seconds", ""): "time",
-}
-NOTES = {
-    (HEADLINE, ""): "each method on the pixels that it sees",
-    (HEADLINE, SMOOTHED): f"the pixels that all methods see, {TREATMENTS[SMOOTHED]}",
-    (RIGHT, ""): "share of the surface, below it the share that is seen",
-    ("precision_mm", ""): "standard deviation over repeats",
-}
 
 
 @dataclass(frozen=True)
@@ -83,8 +61,9 @@ def columns(result: Result) -> dict[tuple[str, str], pd.DataFrame]:
     """Return the figures of the main table: (metric, treatment) → lines with value, low, high, unit
     and paper, indexed by method. A column without figures is left out."""
     of_reference = result.table[result.table.reference == main_reference(result)]
+    own = [(metric, "") for metric in chosen("summary")]
     found = {}
-    for metric, treatment in COLUMNS:
+    for metric, treatment in (*own[:1], (HEADLINE, SMOOTHED), *own[1:]):
         lines = of_reference
         if treatment:
             lines = result.equal[result.equal.treatment == treatment].assign(paper=float("nan"))
@@ -98,7 +77,7 @@ def main_table(result: Result) -> MainTable:
     """Return the main figures of all methods against the first reference, a line for each method,
     with their intervals and, where the paper reports one, its figure."""
     found, reference = columns(result), main_reference(result)
-    headings = [f"{COLUMNS[key]} ({lines.unit.iloc[0]})" for key, lines in found.items()]
+    headings = [f"{_title(result, *key)} ({lines.unit.iloc[0]})" for key, lines in found.items()]
     stars = {
         (metric, treatment): outstanding(
             result, metric, lines.reference.iloc[0] if treatment else reference, treatment
@@ -110,14 +89,14 @@ def main_table(result: Result) -> MainTable:
             method.title,
             tones_text(method),
             tuple(
-                _cell(result, lines, method.name, key, method.name in stars[key])
-                for key, lines in found.items()
+                _cell(lines, method.name, method.name in stars[key]) for key, lines in found.items()
             ),
         )
         for method in result.about.methods
     ]
-    notes = [f"{COLUMNS[key]}: {NOTES[key]}" for key in found if key in NOTES]
-    text = f"Scored {AGAINST.get(reference, '')}. {'; '.join(notes)}."
+    text = f"Scored {AGAINST.get(reference, '')}, each method on the pixels that it sees."
+    if (HEADLINE, SMOOTHED) in found:
+        text += f" On common pixels: those that all methods see, {TREATMENTS[SMOOTHED]}."
     if any(stars.values()):
         text += (
             " ★: no other method is shown to be better, and some are shown to be worse (paired "
@@ -143,17 +122,16 @@ def tones_text(method: MethodFacts) -> str:
     return "; ".join(dict.fromkeys(texts))
 
 
-def _cell(
-    result: Result, lines: pd.DataFrame, method: str, key: tuple[str, str], best: bool
-) -> Cell:
+def _title(result: Result, metric: str, treatment: str) -> str:
+    return result.title(metric) + (on_common_pixels(metric) if treatment else "")
+
+
+def _cell(lines: pd.DataFrame, method: str, best: bool) -> Cell:
     if method not in lines.index:
         return Cell(NONE)
     line: Any = lines.loc[method]
     places = decimals(line.value, line.low, line.high, line.unit)
     below = [interval(line.low, line.high, places)]
-    seen = result.row(SEEN, method, main_reference(result)) if key == (RIGHT, "") else None
-    if seen:
-        below.append(f"of {number(seen.value, 1)}")
     if is_known(line.paper):
         below.append(f"paper {paper(line.paper, line.unit)}")
     return Cell(number(line.value, places), tuple(filter(None, below)), best)
@@ -184,12 +162,9 @@ def _best(result: Result) -> str:
         tested = result.best(metric, line.reference or reference, treatment)
         equals = [titles[name] for name in tested if name != first]
         more = f", not shown to be better than {', '.join(equals)}" if equals else ""
-        seen = result.row(SEEN, first, reference) if metric == HEADLINE and not treatment else None
-        on = f" on the {number(seen.value, 1)} % of the surface that it sees" if seen else ""
         who = Markup("<b>{}</b>, ").format(titles[first]) if len(titles) > 1 else Markup()
-        texts.append(
-            Markup("{}: {}{}{}{}").format(COLUMNS[metric, treatment], who, amount, on, more)
-        )
+        title = _title(result, metric, treatment)
+        texts.append(Markup("{}: {}{}{}").format(title, who, amount, more))
     count = len(result.scored())
     captures = "1 capture" if count == 1 else f"{count} captures"
     few = f" {captures}: no test." if result.comparisons.p_corrected.isna().all() else ""
@@ -201,7 +176,9 @@ def _limits(result: Result) -> str:
     is seen, how far noise moves a depth, and which times are disturbed."""
     reference, found = main_reference(result), columns(result)
     table = result.table[result.table.reference == reference]
-    floors, seen = (table.value[table.metric == metric].dropna() for metric in ("floor_mm", SEEN))
+    floors, seen = (
+        table.value[table.metric == metric].dropna() for metric in ("floor_mm", "observed_percent")
+    )
     texts = []
     if len(floors) and (HEADLINE, "") in found:
         share = 100 * floors.max() / found[HEADLINE, ""].value.min()
@@ -276,29 +253,31 @@ def hardest(result: Result) -> tuple[str, str] | None:
 
 
 def capture_grid(result: Result, capture: CaptureFacts) -> Grid | None:
-    """Return the table of one capture: MAE, share that is right within 2 mm, share that is seen,
-    of every method. None if it has no figures."""
+    """Return the table of one capture: those of the main metrics that it has, of every method. None
+    if it has no figures."""
     reference = next(iter(drawn_references([capture])), "")
     lines = _of_first_frame(result.scores)
     lines = lines[(lines.capture == capture.name) & (lines.reference == reference)]
-    metrics = {HEADLINE: "MAE (mm)", RIGHT: "right within 2 mm (%)", SEEN: "seen (%)"}
-    values = lines[lines.metric.isin(list(metrics))].pivot(
-        index="method", columns="metric", values="value"
-    )
-    if values.empty:
+    metrics = [metric for metric in chosen("summary") if metric in set(lines.metric)]
+    if not metrics:
         return None
+    values = lines.pivot(index="method", columns="metric", values="value")
     rows = [
-        (method.title, *(_score(values, method.name, metric) for metric in metrics))
+        (method.title, *(_score(result, metric, values[metric][method.name]) for metric in metrics))
         for method in result.about.methods
         if method.name in values.index
     ]
-    return Grid(f"{AGAINST[reference].capitalize()}", ("method", *metrics.values()), tuple(rows))
+    heads = (f"{result.title(metric)} ({_unit(result, metric)})" for metric in metrics)
+    return Grid(f"{AGAINST[reference].capitalize()}", ("method", *heads), tuple(rows))
 
 
 def _of_first_frame(scores: pd.DataFrame) -> pd.DataFrame:
     return scores[(scores.treatment == "") & (scores.frame == 0)]
 
 
-def _score(values: pd.DataFrame, method: str, metric: Any) -> str:
-    value = values[metric].get(method) if metric in values else None
-    return number(value, 1) if metric in SHARES else rounded(value)
+def _unit(result: Result, metric: str) -> str:
+    return result.about.metrics[metric].unit
+
+
+def _score(result: Result, metric: str, value: float) -> str:
+    return number(value, 1) if _unit(result, metric) == "%" else rounded(value)

@@ -8,7 +8,8 @@ from typing import TypeGuard
 
 import pandas as pd
 
-from handbench.bench.results import HEADLINE, HEADLINES, REFERENCES, CaptureFacts, Result
+from handbench.bench.evaluation.metrics import chosen
+from handbench.bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 
@@ -76,7 +77,7 @@ def blocks(result: Result) -> list[Block]:
 
 def paper_block(block: Block) -> Block:
     """Return the part of a table with the metrics that the paper reports and the main ones."""
-    metrics = {line.metric for line in block.lines if line.source == "paper"} | set(HEADLINES)
+    metrics = {line.metric for line in block.lines if line.source == "paper"} | set(chosen("main"))
     return replace(block, lines=tuple(line for line in block.lines if line.metric in metrics))
 
 

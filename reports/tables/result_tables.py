@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from handbench.bench.results import HEADLINES, LEVEL, Result, each
+from handbench.bench.evaluation.metrics import chosen
+from handbench.bench.results import LEVEL, Result, each
 from handbench.bench.results.about import TREATMENTS
 from handbench.reports.tables.blocks import (
     best_note,
@@ -188,9 +189,9 @@ def csv_text(result: Result) -> str:
 def show(result: Result) -> None:
     """Print the main figures of a result on stdout: a table for each reference surface, then the
     main findings and a line for each stage that failed."""
-    console = wide_console()
+    console, main = wide_console(), chosen("main")
     for block in blocks(result):
-        lines = [line for line in block.lines if line.metric in HEADLINES]
+        lines = [line for line in block.lines if line.metric in main]
         cells = [(line.title, line.source, *line.cells) for line in lines]
         print_table(terminal_table(block.heading, ("", "", *block.methods), cells))
     for finding in findings(result):

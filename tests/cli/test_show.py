@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.metrics import figures
 from handbench.bench.results import ErrorMap, SurfaceMap
 from handbench.bench.validation.checks import figure_warnings
 from handbench.cli.main import main
@@ -113,7 +113,7 @@ def test_figures_that_can_hardly_be_are_doubted(config, z_m, words):
     depth = flat("broadband", z_m, config)
     truth = np.where(np.isfinite(hand_m(depth.x_m, depth.y_m)), 0.29, np.nan)
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, truth)
-    [*found] = figure_warnings(depth, pool([errors]))
+    [*found] = figure_warnings(depth, figures(errors))
     assert len(found) == bool(words) and all(words in doubt for doubt in found)
 
 

@@ -2,6 +2,7 @@
 samples, equal values, NaN, nothing, p-values that underflow, ties, figures of any size.
 """
 
+from dataclasses import replace
 from itertools import combinations, product
 from math import sqrt
 
@@ -9,21 +10,12 @@ import numpy as np
 from flint import arb
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
-from handbench.bench.evaluation.floor import floor_mm
 from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
-from handbench.bench.evaluation.metrics import (
-    AVERAGED,
-    HEADLINE,
-    figure_interval,
-    of_captures,
-    pool,
-)
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, figures
 from handbench.bench.evaluation.paired import compare, f_test, holm_corrected, paired_test
 from handbench.bench.evaluation.repeats import precision_mm, strongest_scatterer_z_m
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
-from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.depth import Reference
 from tests.hard_cases.cases import Seen, U, hard_case
 from tests.references.balls import balls, deviation, off, two_sided
 
@@ -87,7 +79,7 @@ def test_pooled_deviation() -> Seen:
     noise = np.random.default_rng(0).standard_normal((SIDE, SIDE))
     for spread_m in (1e-3, 1e-5, 1e-6, 1e-7, 1e-8, 0.0):
         error_m = DEPTH_M + spread_m * noise
-        found = balls(number(pool([a_map(error_m)])["deviation_mm"])) / 1000
+        found = balls(number(figures(a_map(error_m))["deviation_mm"])) / 1000
         off_m2 = off(0.0, found**2 - deviation(error_m.ravel()) ** 2)
         yield f"{1e6 * spread_m:g} µm", float(off_m2 / (EPS * DEPTH_M**2))
 
@@ -113,12 +105,11 @@ def test_all_equal() -> Seen:
         yield f"its interval at {z_m:g} m", max(precision_interval(hands) or [np.nan])
         yield f"two methods at {z_m:g} m", 1 - number(f_test(hands, [np.full(3, 0.7 * z_m)]).p)
         repeats = deviation_map(np.arange(2), np.arange(2), np.full((3, 2, 2), z_m))
-        yield f"map at {z_m:g} m", 1e-3 * number(pool([repeats])["max_mm"])
+        yield f"map at {z_m:g} m", 1e-3 * number(figures(repeats)["max_mm"])
     low, high = median_interval(np.full(5, 0.3)) or (np.nan, np.nan)
     yield "median", high - low
-    maps = [a_map(np.full((60, 60), 1e-3))]
-    figures = of_captures(maps * 5).mae_mm.to_numpy()
-    [line] = each(compare({"a": figures, "b": figures}, ""))
+    mae_mm = np.full(5, number(figures(a_map(np.full((60, 60), 1e-3)))["mae_mm"]))
+    [line] = each(compare({"a": mae_mm, "b": mae_mm}, ""))
     yield "two equal methods", 1 - line.p_corrected
 
 
@@ -135,12 +126,11 @@ def test_rounding_alone() -> Seen:
     x_m = 2.5e-3 * np.arange(36)
     slope_m = DEPTH_M + 0.1 * x_m[:, None] + 0 * x_m
     for captures, error_m in product((1, 5, 8), np.linspace(1e-4, 5e-3, 12)):
-        a, b = (
-            of_captures([error_map(x_m, x_m, slope_m + s * error_m, slope_m)] * captures)
-            for s in (1, -1)
-        )
+        a, b = (figures(error_map(x_m, x_m, slope_m + s * error_m, slope_m)) for s in (1, -1))
         lines = [
-            compare({"a": a[key].to_numpy(), "b": b[key].to_numpy()}, "", key)
+            compare(
+                {name: np.full(captures, of[key]) for name, of in (("a", a), ("b", b))}, "", key
+            )
             for key in (HEADLINE, "rmse_mm")
         ]
         yield (
@@ -242,7 +232,7 @@ def test_not_finite() -> Seen:
         z_m[rng.random(z_m.shape) < share] = broken
         z_ref_m[rng.random(z_m.shape) < share / 2] = broken
         error = (z_m - DEPTH_M)[np.isfinite(z_m) & np.isfinite(z_ref_m)]
-        found = pool([error_map(x_m, x_m, z_m, z_ref_m)])
+        found = figures(error_map(x_m, x_m, z_m, z_ref_m))
         exact = balls(error)
         wanted = {
             "mae_mm": 1000 * np.abs(exact).mean(),
@@ -276,24 +266,15 @@ def test_empty() -> Seen:
     unobserved = error_map(
         x_m, x_m, np.full(shape, np.inf), np.full(shape, DEPTH_M), met=np.ones(shape, bool)
     )
-    for maps in ([], [no_pixel], [no_row], [holes] * 3, [unobserved] * 6):
+    for m in (no_pixel, no_row, holes, unobserved):
         # Of a surface that nobody observed the completeness is 0, and the F-score.
-        pooled = [
+        known = replace(m, sigma_m=np.full(m.error_m.shape, 1e-3))
+        given: list[object] = [
             v
-            for k, v in pool(maps).items()
+            for k, v in figures(known).items()
             if k not in COUNTED and (v or not k.startswith(("f_", "complete_")))
         ]
-        figures = {key: of_captures(maps)[key].to_numpy() for key in AVERAGED}
-        given: list[object] = [
-            figure_interval(key, values) for key, values in figures.items() if key not in COUNTED
-        ]
-        given += each(compare({"a": figures[HEADLINE], "b": figures[HEADLINE]}, ""))
-        given += [*pooled, *(floor_mm(m, _known(m)) for m in maps)]
-        place = f"{len(maps)} maps of {[m.error_m.shape for m in maps[:1]]}"
-        yield place, float(sum(figure is not None for figure in given))
-
-
-def _known(m: ErrorMap) -> Reference:
-    """A reference with one σ for all of a map's pixels, from its mesh alone."""
-    exact, shape = Transform("photo", "radar", np.eye(4), np.zeros((6, 6))), m.error_m.shape
-    return Reference(m.reference_z_m, np.full(shape, 1e-3), np.zeros((*shape, 6)), exact)
+        unknown = np.full(6, np.nan)
+        given += [METRICS[key].interval(unknown) for key in METRICS]
+        given += each(compare({"a": unknown, "b": unknown}, ""))
+        yield f"a map of {m.error_m.shape}", float(sum(figure is not None for figure in given))

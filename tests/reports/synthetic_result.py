@@ -12,7 +12,7 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.main_table import main_table
-from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import PAPER
 from handbench.bench.evaluation.tables import COMPARISONS, SCORES, TASKS, frame
 from handbench.bench.evaluation.treatments import SMOOTHING
@@ -64,8 +64,8 @@ def write_synthetic(
             errors = error_map(axis, axis, seen, z_m)
             for reference in references:
                 results.write_errors(folder, c, method, reference, errors)
-                figures = pool([errors]) | {"floor_mm": FLOOR_MM[reference]}
-                lines += [(c, method, reference, "", 0, *each) for each in figures.items()]
+                values = figures(errors) | {"floor_mm": FLOOR_MM[reference]}
+                lines += [(c, method, reference, "", 0, *each) for each in values.items()]
                 lines += [(c, method, reference, t, 0, "mae_mm", mm) for t in SMOOTHING if equal]
     photo.unlink()
     for method, (_, mm, seconds) in methods.items():
@@ -75,8 +75,8 @@ def write_synthetic(
         lines += [(*of_method, n, "strongest_z_m", z) for n, z in enumerate(z_m)]
         lines += [(*of_method, n, "seconds", s) for n, s in enumerate(seconds)]
     table = main_table(frame(SCORES, lines), PAPER, 0, with_paper=True)
-    for name, figures in (meshes or {}).items():
-        lines += [(captures[0], name, "truth", "", 0, *each) for each in figures.items()]
+    for name, found in (meshes or {}).items():
+        lines += [(captures[0], name, "truth", "", 0, *each) for each in found.items()]
     cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
     tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
-from handbench.bench.evaluation.metrics import over_frames
 
 NAN = np.nan
 REFERENCE_M = np.array([[0.3, 0.3, 0.3], [0.3, 0.3, NAN]])
@@ -30,11 +29,3 @@ def test_nothing_in_common_and_no_surface_are_not_figures():
     found = treated_figures({"a": FIRST, "b": np.full((2, 3), NAN)}, REFERENCE_M)["a"]
     assert found["mae_mm"] is None and found["common_percent"] == 0
     assert treated_figures({"a": FIRST}, np.full((2, 3), NAN))["a"]["common_percent"] is None
-
-
-def test_frames_have_a_mean_a_deviation_and_a_largest():
-    found = over_frames(np.array([2.0, 7.0]), np.array([3.0, 7.0]))
-    expected = {"mae": 4.5, "mae_deviation": 12.5**0.5, "max": 5, "max_deviation": 8**0.5}
-    expected["largest"] = 7
-    assert found == pytest.approx({f"frames_{key}_mm": mm for key, mm in expected.items()})
-    assert over_frames(np.ones(1), np.ones(1)) == over_frames(np.ones(2), [2.0, NAN]) == {}

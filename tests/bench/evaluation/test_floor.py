@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.floor import budget, floor_mm
-from handbench.bench.evaluation.metrics import ErrorMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.floor import budget
+from handbench.bench.evaluation.metrics import figures
 from handbench.calibration.transforms import Transform, perturbation_jacobian
 from handbench.groundtruth.mesh.depth import Reference
 
@@ -26,6 +29,10 @@ def level(mesh_sigma_m, deviations) -> tuple[ErrorMap, Reference]:
         known = leverage, Transform("photo", "radar", np.eye(4), np.diag(deviations) ** 2)
     mesh_m = np.broadcast_to(mesh_sigma_m, x.shape)
     return ErrorMap(AXIS_M, AXIS_M, error_m, z_m), Reference(z_m, mesh_m, *known)
+
+
+def floor_mm(errors: ErrorMap, reference: Reference) -> float | None:
+    return figures(replace(errors, sigma_m=reference.sigma_m))["floor_mm"]
 
 
 def test_the_floor_is_the_mean_of_the_parts_together():

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from handbench.bench.evaluation.combine import PER_PIXEL, STRONGEST
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.main_table import PER_PIXEL, STRONGEST, main_table
-from handbench.bench.evaluation.metrics import OVER_FRAMES, VELOCITY, pool
+from handbench.bench.evaluation.main_table import main_table
+from handbench.bench.evaluation.metrics import METRICS, figures
 from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
 from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.support.errors import HandbenchError
@@ -23,10 +24,9 @@ def test_an_unknown_protocol_names_the_nearest():
 
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
 def test_the_table_holds_the_protocols_metrics(chosen):
-    figures = pool([error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M)])
-    figures |= dict.fromkeys((*VELOCITY, "floor_mm"), 1.0)
-    lines = [("B", "3fsk", "truth", "", 0, *figure) for figure in figures.items()]
-    lines += [("B", "3fsk", "truth", "", 1, metric, 1.0) for metric in OVER_FRAMES]
+    values = figures(error_map(AXIS_M, AXIS_M, PLATE_M + 1e-3, PLATE_M))
+    values |= {key: 1.0 for key, m in METRICS.items() if m.of_velocities}
+    lines = [("B", "3fsk", "truth", "", frame, *v) for v in values.items() for frame in range(2)]
     lines += [("P", "3fsk", "", "", n, STRONGEST, 0.3 + 1e-3 * n) for n in range(2)]
     lines += [("P", "3fsk", "", "", 0, PER_PIXEL, 1.0), ("B", "3fsk", "", "", 0, "seconds", 0.1)]
     table = main_table(frame(SCORES, lines), chosen, seed=0, with_paper=False)

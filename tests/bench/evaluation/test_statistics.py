@@ -10,7 +10,10 @@ from scipy.special import erf
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
-from handbench.bench.evaluation.metrics import figure_interval, mean_figures, of_captures
+from handbench.bench.evaluation.main_table import main_table
+from handbench.bench.evaluation.metrics import METRICS, figures
+from handbench.bench.evaluation.scoring_protocols import PAPER
+from handbench.bench.evaluation.tables import SCORES, frame
 
 AXIS_M = 2.5e-3 * np.arange(12)
 BETWEEN_MM = 0.7  # deviation of captures' biases
@@ -35,7 +38,7 @@ def test_the_maes_interval_holds_for_captures_that_differ(captures, least, noise
     share of 95 % to 0.35 %."""
     biases_mm = BETWEEN_MM * np.random.default_rng(0).standard_normal((4000, captures))
     true_mm = np.hypot(BETWEEN_MM, noise_mm) * np.sqrt(2 / np.pi)
-    intervals = [figure_interval("mae_mm", values) for values in mae_mm(biases_mm, noise_mm)]
+    intervals = [METRICS["mae_mm"].interval(values) for values in mae_mm(biases_mm, noise_mm)]
     assert least <= np.mean([low <= true_mm <= high for low, high in intervals]) <= 0.97
 
 
@@ -48,17 +51,19 @@ def test_figures_without_skewness_have_students_interval():
 
 def test_an_interval_stays_within_what_a_metric_can_be():
     skewed = [0.01, 0.01, 0.02, 0.01, 2.0]
-    assert figure_interval("mae_mm", skewed).low >= 0
-    assert figure_interval("bias_mm", [-1.0, 1.0, -1.1, 1.1, 0.3]).low < 0
-    assert figure_interval("observed_percent", [99.0, 99.9, 98.0, 99.9, 99.5]).high <= 100
-    assert figure_interval("observed_percent", [100.0] * 6) is None  # no spread was seen
+    assert METRICS["mae_mm"].interval(skewed).low >= 0
+    assert METRICS["bias_mm"].interval([-1.0, 1.0, -1.1, 1.1, 0.3]).low < 0
+    assert METRICS["observed_percent"].interval([99.0, 99.9, 98.0, 99.9, 99.5]).high <= 100
+    assert METRICS["observed_percent"].interval([100.0] * 6) is None  # no spread was seen
 
 
 def test_figures_are_formed_for_each_capture_and_then_averaged():
     """By hand: captures of 36 and 144 pixels, one without any; the pooled figures beside them."""
     quarter, peak_mm = np.zeros((12, 12), bool), np.ones((12, 12))
     quarter[:6, :6], peak_mm[0, 0] = True, 10
-    found = mean_figures(of_captures([seen(4.0, quarter), seen(peak_mm), seen(1.0, False)]))
+    maps = {"a": seen(4.0, quarter), "b": seen(peak_mm), "c": seen(1.0, False)}
+    lines = [(c, "x", "truth", "", 0, *f) for c, m in maps.items() for f in figures(m).items()]
+    found = main_table(frame(SCORES, lines), PAPER, 0, False).set_index("metric").value
     one_mm = (143 + 10) / 144
     expected = {
         "mae_mm": (4 + one_mm) / 2,

@@ -13,7 +13,7 @@ import pytest
 
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.paired import f_test
 from handbench.bench.evaluation.tables import DIFFERENCES, SCORES, TABLE, TASKS, frame
 from handbench.bench.results.compare_results import Compared, compare_results, write_compared
@@ -40,7 +40,7 @@ def result(
     z_m, lines = REFERENCE_M + shift_m, []
     for name, errors in zip(names, errors_mm, strict=True):
         seen = error_map(AXIS_M, AXIS_M, z_m + 1e-3 * errors, z_m)
-        lines += [(name, "3fsk", "truth", "", 0, *each) for each in pool([seen]).items()]
+        lines += [(name, "3fsk", "truth", "", 0, *each) for each in figures(seen).items()]
         results.write_surface(folder, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, z_m))
     repeated_m = 0.3 + 1e-3 * np.random.default_rng(len(names)).normal(size=10)
     lines += [("B", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(repeated_m)]

@@ -10,7 +10,7 @@ from PIL import Image
 from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.main_table import main_table
-from handbench.bench.evaluation.metrics import pool
+from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import PAPER
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame
 from handbench.support.errors import HandbenchError
@@ -23,7 +23,7 @@ TASK = frame(
     TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)]
 )
 STRONGEST_M = (0.3, None, 0.301)
-FIGURES = pool([ERRORS]) | {"floor_mm": None}
+FIGURES = figures(ERRORS)
 SCORED = frame(
     SCORES,
     [("B", "3fsk", "truth", "", 0, *figure) for figure in FIGURES.items()]
