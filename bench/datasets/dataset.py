@@ -1,8 +1,9 @@
 """One way to open captures of any data set: the files in a folder decide which class reads it."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from handbench.bench.datasets.native import (
     DESCRIPTION,
@@ -85,6 +86,15 @@ def foreign() -> dict[str, type[NativeCapture]]:
     return {"mapping": MappedCapture, "maroon": MaroonCapture}
 
 
+def importers() -> dict[str, Callable[[Path, Path, dict[str, Any]], None]]:
+    """Return the functions that convert data with settings to a capture folder, by the name of
+    their data set: function(source, folder, settings)."""
+    from handbench.bench.datasets.ti import import_ti_raw
+    from handbench.bench.datasets.touchstone import import_touchstone
+
+    return {"touchstone": import_touchstone, "ti-raw": import_ti_raw}
+
+
 def captures(
     root: str | Path, objects: Sequence[str] = (), distances: Sequence[int] = ()
 ) -> list[Path]:
@@ -145,15 +155,25 @@ def _in_order(name: str) -> tuple[int, str]:
 IMPORTED = (DESCRIPTION, ECHOES, MESH, TRUTH, TRANSFORM, f"{PHOTOS}/*")
 
 
-def import_capture(kind: str, path: str | Path, folder: str | Path) -> None:
+def import_capture(
+    kind: str, path: str | Path, folder: str | Path, settings: dict[str, Any] | None = None
+) -> None:
     """Convert a capture of another format to a capture folder, which appears complete or not at
     all.
 
-    kind: format of the capture, "maroon" or "mapping". path: the capture. folder: the folder to
-    make. It receives the echoes of all frames, the measured mesh (without one, the photographs),
-    the transform, the true surface and the description, as far as the capture has them. Raises
-    HandbenchError if the capture has another format.
+    kind: format of the capture, one of `foreign` or `importers`. path: the capture. folder: the
+    folder to make. It receives the echoes of all frames, the measured mesh (without one, the
+    photographs), the transform, the true surface and the description, as far as the capture has
+    them. settings: of the importer. Raises HandbenchError for an unknown or another format.
     """
+    known = importers()
+    if kind in known:
+        known[kind](Path(path), Path(folder), settings or {})
+        return
+    if kind not in foreign():
+        raise HandbenchError(f"dataset: unknown '{kind}'; {suggest(kind, [*foreign(), *known])}")
+    if settings:
+        raise HandbenchError(f"--set: the data set '{kind}' has no settings; leave --set out")
     capture = open_capture(path)
     if not isinstance(capture, foreign()[kind]):
         raise HandbenchError(
