@@ -7,6 +7,7 @@ half of it.
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -40,7 +41,7 @@ def figures(lines: pd.DataFrame, error: str = HEADLINE) -> pd.DataFrame:
     lines: method, metric, value and, if known, low and high; error: the metric. Methods without
     error or time are left out."""
     columns = {"seconds": "seconds", error: "error", "observed_percent": "observed_percent"}
-    wide = {}
+    wide: dict[str, pd.Series] = {}
     for metric, column in columns.items():
         known = lines[lines.metric == metric].drop_duplicates("method").set_index("method")
         known = known.reindex(columns=LIMITED).astype(float)
@@ -55,7 +56,7 @@ def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.D
     same id; dominated_by, the most accurate method on the front that beats it ("" on the front);
     ratio, of its seconds to those of the most accurate method of all.
     ids: name → id; a name that is missing is its own id."""
-    costs = np.stack(
+    costs: Any = np.stack(
         [settings.seconds, settings.error, -settings.observed_percent.fillna(0.0)], axis=1
     )
     beats = (costs[:, None] <= costs).all(axis=-1) & (costs[:, None] < costs).any(axis=-1)
@@ -89,7 +90,7 @@ def chosen(
     """
     error_mm = settings.high.fillna(settings.error)
     seconds = HEADROOM * settings.seconds_high.fillna(settings.seconds)
-    excess = np.maximum(error_mm / max_error_mm, seconds / max_seconds)
+    excess = pd.concat([error_mm / max_error_mm, seconds / max_seconds], axis=1).max(axis=1)
     fit = settings[excess <= 1]
     if fit.empty:
         name = str(excess.idxmin())

@@ -17,6 +17,7 @@ from handbench.bench.benchmarks.benchmark_file import (
     Origin,
     Source,
     checked_entry,
+    expanded,
     require_clear,
 )
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED
@@ -158,16 +159,18 @@ def _tables(found: ParsedFile, key: str, model: type[Table]) -> Iterator[tuple[L
 
 def _methods(found: ParsedFile) -> Found[list[MethodEntry]]:
     """Yield the problems of all methods of a benchmark. Returns the entries of handbench's own
-    methods that have none."""
-    own = []
+    methods that have none, one for each combination of swept values."""
+    entries = []
     for at, entry in _tables(found, "method", MethodEntry):
         if entry.foreign:
-            yield from found.attempt(at, partial(checked_entry, entry, found.file))
-        elif (
-            yield from method_problems(found, entry.id, entry.config, (*at, "id"), (*at, "config"))
-        ) is not None:
-            own.append(entry)
-    return own
+            checked = yield from found.attempt(at, partial(checked_entry, entry, found.file))
+        else:
+            places = (*at, "id"), (*at, "config")
+            checked = yield from method_problems(found, entry.id, entry.config, *places)
+        if checked is not None:
+            entries.append(entry)
+    settings = yield from found.attempt(("method",), partial(expanded, entries, found.file))
+    return [setting for setting in settings or () if not setting.foreign]
 
 
 def _source(

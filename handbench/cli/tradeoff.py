@@ -41,10 +41,9 @@ def run(options: argparse.Namespace) -> str:
     print(f"report: {build(options.out, options.out / 'report')}")
     if math.isinf(max_error_mm) and math.isinf(max_seconds):
         return f"results: {options.out}"
-    settings = ranked_methods(result).get(HEADLINE)
-    if settings is None:
+    if HEADLINE not in ranked_methods(result):
         raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
-    name = chosen(settings, max_error_mm, max_seconds)
+    name = chosen(ranked_methods(result)[HEADLINE], max_error_mm, max_seconds)
     return f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN"
 
 

@@ -109,7 +109,7 @@ def draw(metric: str, settings: pd.DataFrame) -> Picture:
     )
 
 
-def _labels(axis: Axes, points: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+def _labels(axis: Axes, points: np.ndarray) -> Iterator[tuple[str, tuple[float, float]]]:
     """Yield the numbers of points [n, 2], as drawn beside them, and the place: points that lie too
     close for separate labels share one, such as "15–18, 21"."""
     places = axis.transAxes.inverted().transform(axis.transData.transform(points))
@@ -124,4 +124,5 @@ def _labels(axis: Axes, points: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
         runs = groupby(enumerate(group, 1), lambda pair: pair[1] - pair[0])
         spans = ([i + 1 for _, i in run] for _, run in runs)
         words = (f"{run[0]}–{run[-1]}" if run[1:] else str(run[0]) for run in spans)
-        yield ", ".join(words), points[group[0]]
+        x, y = points[group[0]]
+        yield ", ".join(words), (x, y)

@@ -43,7 +43,7 @@ def settings_grid(metric: str, settings: pd.DataFrame, titles: Mapping[str, str]
             figure(line.seconds, line.seconds_low, line.seconds_high, "s"),
             rounded(line.ratio),
         )
-        for name, line in lines.iterrows()
+        for name, line in ((str(name), line) for name, line in lines.iterrows())
     )
     error = f"{METRICS[metric].title} ({METRICS[metric].unit})"
     headings = ("setting", "number, or beaten by", error, "observed (%)", "time (s)", "÷ best")
