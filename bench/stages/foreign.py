@@ -6,6 +6,8 @@ variables. Its time is limited, and its process group ends with it. This protect
 not against a malicious program.
 """
 
+from __future__ import annotations
+
 import ctypes
 import os
 import shlex
@@ -17,15 +19,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
-from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_folder
 from handbench.bench.pipeline.image import configured
-from handbench.bench.stages.reconstruct import DEPTH, TIMING, write_treated
+from handbench.bench.stages.reconstruct import DEPTH, SOURCES, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.fsk_config import PixelsConfig
@@ -35,10 +36,12 @@ from handbench.support.files import content_hash, inside, read_npz, write_json
 from handbench.support.parallel import PR_SET_PDEATHSIG
 from handbench.support.store import Input, Stage, stage
 
+if TYPE_CHECKING:
+    from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
+
 LIMIT_S = 600.0  # for one capture
 SAME_M = 1e-6  # pixels of two grids that are the same
 LAST_BYTES = 4096  # of a program's output, which an error quotes
-SOURCES = ("bench/stages", "bench/datasets", "bench/pipeline/image.py", "bench/benchmarks", "radar")
 # of the environment, which a program gets
 VARIABLES = (
     "PATH",
@@ -108,7 +111,7 @@ def program_key(command: str, base: Path) -> list[str]:
     return [command, *(content_hash(Path(file)) for file in files)]
 
 
-@stage("reconstruct", *SOURCES)
+@stage("reconstruct", "bench/stages/foreign.py", *SOURCES)
 def take(
     folder: Path, file: str, method: str, x_m: np.ndarray, y_m: np.ndarray, config: Any
 ) -> None:
@@ -120,7 +123,7 @@ def take(
     _save(folder, *read_map(Path(file), method, PixelGrid(x_m, y_m)))
 
 
-@stage("reconstruct", *SOURCES)
+@stage("reconstruct", "bench/stages/foreign.py", *SOURCES)
 def run(
     folder: Path,
     command: list[str],

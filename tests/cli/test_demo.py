@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.run import benchmark_file
+from handbench.bench.benchmarks import benchmark_file
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.cli import demo
 from handbench.cli.main import main, parser

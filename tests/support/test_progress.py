@@ -1,4 +1,4 @@
-"""Progress of a command: what is done, the time left, and one bar or plain lines on stderr."""
+"""Progress of a command: counted parts, as one bar or plain lines on stderr."""
 
 import io
 import sys
@@ -7,7 +7,7 @@ import time
 import pytest
 
 from handbench.support import progress
-from handbench.support.progress import ShownWork
+from handbench.support.progress import Work
 
 
 class Terminal(io.StringIO):
@@ -17,38 +17,30 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_the_time_left_follows_the_measured_rate():
-    """100 core seconds, of which two cores are expected to do 2 per second, and do 1."""
-    work = ShownWork(100.0, 2.0, start=0.0)
-    assert work.line(0.0) == "0 %, 50 s left"
-    work.begin("simulate-F", 40.0)
-    assert work.line(10.0) == "20 %, 40 s left: simulate-F"
-    assert work.line(1000.0) == "38 %, 31 s left: simulate-F"
-    work.end("simulate-F", 40.0)
-    rate = (40 + 10 * 2) / (40 + progress.TRUSTED_S)
-    assert work.left(40.0) == f"{60 / rate:.0f} s left"
-
-
-def test_what_an_earlier_run_has_done_is_no_part_of_the_work():
-    work = ShownWork(100.0, 1.0, start=0.0)
-    work.begin("simulate-F", 60.0)
-    work.end("simulate-F", 1.0, skipped=True)
-    work.begin("dense-F", 40.0)
-    work.begin("dense-U", 0.0)
-    assert (work.total, work.done) == (40.0, 0.0)
-    assert work.line(10.0) == "25 %, 30 s left: dense-F and 1 more"
+def test_parts_are_counted_and_the_count_never_goes_back():
+    """Also where fewer or more parts come than were planned."""
+    work, seen = Work(3), list[int]()
+    for label, reached in (("a", 0), ("b", 3), ("c", 2), ("d", 0)):
+        work.begin(label)
+        work.begin("beside")
+        assert label in work.line()
+        work.end(label)
+        work.end("beside")
+        work.reach(reached)
+        seen.append(work.done)
+    assert seen == sorted(seen) and seen[1] == 4 and work.count().startswith("3 of 3")
 
 
 def test_inner_work_is_a_step_of_the_outer(monkeypatch):
     monkeypatch.setattr(sys, "stderr", io.StringIO())
     seen = []
-    with progress.work(4.0), progress.part("imaging", 3.0):
+    with progress.counted(4) as work, work.part("imaging"):
         for _ in progress.track("ab", "planes"):
-            progress.begin("of a function", 5.0)
-            seen.append((progress._current.label(), *progress._current.running))
-            progress.end("of a function")
-        assert progress._current.done == 0
-    assert seen == [("imaging, of a function", "imaging")] * 2
+            seen.append(work.label())
+        with progress.counted(7) as inner, inner.part("of a function"):
+            assert work.running == ["imaging"]
+        assert work.done == 0
+    assert seen == [f"imaging, planes {n} of 2" for n in (1, 2)]
     assert progress._current is None
 
 
@@ -56,14 +48,14 @@ def test_a_terminal_gets_one_bar_and_lines_above_it(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with progress.work(4.0, 1.0), progress.part("simulate-F", 3.0):
+    with progress.counted(4) as work, work.part("simulate-F"):
         progress.say("a warning")
         while "simulate-F" not in sys.stderr.getvalue().partition("a warning\n")[2]:
             time.sleep(0.01)
         drawn = sys.stderr.getvalue()
-    said = f"{progress.ERASE_LINE}a warning\n"
-    assert said in drawn and " % " in drawn and " left " in drawn
-    assert "\n" not in drawn.replace(said, "").strip("\n")  # one line, drawn again and again
+    warning = f"{progress.ERASE_LINE}a warning\n"
+    assert warning in drawn and "1 of 4" in drawn
+    assert "\n" not in drawn.replace(warning, "").strip("\n")  # one line, drawn again and again
 
 
 def test_elsewhere_lines_say_the_same(monkeypatch, capsys):
@@ -73,7 +65,7 @@ def test_elsewhere_lines_say_the_same(monkeypatch, capsys):
         deadline = time.monotonic() + 60
         while "hard cases" not in (err := capsys.readouterr().err) and time.monotonic() < deadline:
             time.sleep(0.01)
-    assert "0 %: hard cases 1 of 1\n" in err
+    assert "1 of 1, 0 s: hard cases\n" in err
     assert progress.ERASE_LINE not in err
 
 

@@ -12,7 +12,8 @@ import pytest
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.evaluation.tables import SCORES, read
 from handbench.bench.pipeline.score import reference_of_file, score
-from handbench.bench.run import reconstruct_stage, scoring
+from handbench.bench.stages.reconstruct import DEPTH, TIMING, write_frames
+from handbench.bench.stages.score import SCORED, score_capture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import DepthMap
@@ -109,18 +110,18 @@ def moving(tmp_path):
     save_capture_file(capture, CaptureFile(name="plate"))
     imaged.mkdir()
     depths = [seen(RADIAL_M_S, at_m) for at_m in z_m]
-    depths[0].save(imaged / reconstruct_stage.DEPTH)
-    reconstruct_stage.write_frames(imaged, depths)
+    depths[0].save(imaged / DEPTH)
+    write_frames(imaged, depths)
     times = {"seconds": [0.1], "step_time_s": 1e-3, "frame_times_s": [0.0, 0.1, 0.2]}
-    write_json(imaged / reconstruct_stage.TIMING, times)
+    write_json(imaged / TIMING, times)
     return capture, imaged
 
 
 def scores_of(capture: Path, imaged: Path, folder: Path):
-    files = {"2fsk": imaged / reconstruct_stage.DEPTH}
+    files = {"2fsk": imaged / DEPTH}
     truth = {"truth": (capture / "truth.ply", identity("radar"))}
-    scoring.make(folder, str(capture), files, truth, "paper")
-    scores = read(folder / scoring.SCORED, SCORES)
+    score_capture(folder, str(capture), files, truth, "paper")
+    scores = read(folder / SCORED, SCORES)
     return scores[scores.treatment == ""].set_index(["metric", "frame"]).value
 
 

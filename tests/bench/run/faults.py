@@ -6,7 +6,7 @@ import resource
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial, wraps
+from functools import partial
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -15,7 +15,7 @@ import pytest
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.results import Result
 from handbench.bench.run.runner import run
-from handbench.support.store import STAMP
+from handbench.support.store import DECLARED, STAMP
 
 TIMES = {  # what differs from run to run, by the file's name
     "table.csv": rb"(?m)^seconds,.*$",
@@ -48,14 +48,16 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         left_out = shutil.ignore_patterns(STAMP)
         shutil.copytree(made, temporary, ignore=left_out, dirs_exist_ok=True)
 
-    for stage in (
-        "run.simulate_stage.simulate",
-        "validation.capture_warnings.make",
-        "run.reconstruct_stage.reconstruct",
-        "run.repeat_stage.repeat",
+    for name in (
+        "captures.simulate",
+        "runner.inspect_capture",
+        "runner.reconstruct",
+        "runner.repeat",
     ):
-        replaced = resolve_name(f"handbench.bench.{stage}")  # whose code is the stage's
-        monkeypatch.setattr(f"handbench.bench.{stage}", wraps(replaced)(partial(make)))
+        function = partial(make)
+        declared = DECLARED[resolve_name(f"handbench.bench.run.{name}")]
+        monkeypatch.setitem(DECLARED, function, declared)
+        monkeypatch.setattr(f"handbench.bench.run.{name}", function)
 
 
 def execute(bench_file: Path, folder: Path, **options: bool) -> Result:

@@ -18,9 +18,12 @@ import os, shutil, sys
 from pathlib import Path
 import numpy as np
 from handbench.cli.main import main
-from handbench.bench.run import calibrate_stage, reconstruct_stage, runner
+from handbench.bench.run import engine, runner
+from handbench.bench.stages import calibrate as calibration
+from handbench.bench.stages import reconstruct
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
+from handbench.support.store import DECLARED
 
 bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
 exact = np.diag([1e-5] * 6) ** 2
@@ -40,18 +43,18 @@ def mesh(folder, photos, options, sparse, dense):
 def calibrate(folder, captures, clouds):
     assert all(Path(cloud).is_file() for cloud in clouds)
     found = Transform("photo", "radar", np.eye(4), exact, np.array([1e-5]))
-    found.save(folder / calibrate_stage.REGISTRATION)
+    found.save(folder / calibration.REGISTRATION)
 
-for stage, name, function in (
+for place, name, function in (
     (sparse_stage, "make", sparse),
     (dense_stage, "make", dense),
     (mesh_stage, "make", mesh),
-    (calibrate_stage, "calibrate", calibrate),
+    (runner, "calibrate", calibrate),
 ):
-    function.__module__ = stage.__name__  # whose code is the stage's
-    setattr(stage, name, function)
-reconstruct_stage.SETTLE_S = 0.0  # nobody reads the times
-cached = runner.cached
+    DECLARED[function] = DECLARED[getattr(place, name)]  # whose code is the stage's
+    setattr(place, name, function)
+reconstruct.SETTLE_S = 0.0  # nobody reads the times
+cached = engine.cached
 
 def killed(root, stage):
     made = cached(root, stage)
@@ -59,7 +62,7 @@ def killed(root, stage):
         os._exit(9)
     return made
 
-runner.cached = killed
+engine.cached = killed
 sys.exit(main(["run", str(bench), "-o", out]))
 """
 

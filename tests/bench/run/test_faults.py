@@ -16,7 +16,6 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
 from handbench.support.folder import MARKER, locked
-from handbench.support.store import MANIFEST
 from tests.bench.run.faults import content, execute, figures, files_of_at_most, instant
 
 
@@ -48,7 +47,7 @@ def test_a_flipped_bit_in_a_kept_file_is_reported_and_made_again(
     instant(small_result, monkeypatch)
     out = tmp_path / "out"
     shutil.copytree(small_result, out)
-    for name in ("depth.npz", "stage.json", MANIFEST):
+    for name in ("depth.npz", "stage.json"):
         [file] = (out / "work").glob(f"reconstruct-ball-2fsk-*/{name}")
         broken = bytearray(file.read_bytes())
         broken[len(broken) // 2] ^= 1

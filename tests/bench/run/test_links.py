@@ -12,8 +12,9 @@ from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
 from handbench.support.folder import MARKER, drop, locked
-from handbench.support.store import MANIFEST, Stage, cached
+from handbench.support.store import cached
 from tests.bench.run.faults import content, instant
+from tests.bench.run.stages_of_tests import stages_of
 
 NAMES = (
     *(MARKER, "work", "errors", "depth", "photos", "result.json", "table.csv"),
@@ -40,9 +41,8 @@ def unharmed(home):
     assert content(home) == before and len(before) == 3
 
 
-def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed, monkeypatch):
-    monkeypatch.setattr("handbench.support.code_hash.key_of", lambda module: module)
-    one = Stage("dense", print, {}, [])
+def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed):
+    [one] = stages_of("a")
     (tmp_path / "stages").mkdir()
     one.folder(tmp_path / "stages").symlink_to(home)
     with pytest.raises(HandbenchError, match="is a link"):
@@ -107,7 +107,7 @@ def test_files_of_a_kept_stage_that_became_links_are_made_again(
     instant(small_result, monkeypatch)
     out, expected = tmp_path / "out", content(small_result)
     shutil.copytree(small_result, out)
-    for name in ("depth.npz", MANIFEST, "stage.json"):
+    for name in ("depth.npz", "stage.json"):
         [place] = (out / "work").glob(f"reconstruct-ball-2fsk-*/{name}")
         if other == "link":
             place.rename(out / "same")

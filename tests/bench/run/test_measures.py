@@ -11,8 +11,7 @@ from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.repeats import precision_mm
-from handbench.bench.run import jobs
-from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.run.captures import scene_of
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
 from tests.bench.run.faults import execute
@@ -74,8 +73,7 @@ def test_the_papers_table_repeats_printed_hands_and_scores_hands_of_skin():
     bench, base = load_benchmark("paper_table")
     scenes = []
     for source in bench.capture:
-        known = jobs.opening(bench, base, source, frames=1).arguments["scene"]
-        scenes.append((source.measures, SceneFile.model_validate(known)))
+        scenes.append((source.measures, scene_of(bench, base, source)[0]))
     kinds = [(measures, s.target.pose, s.target.material.kind) for measures, s in scenes]
     hands = [(("accuracy",), pose, "skin") for pose in "BFU"]
     assert kinds == hands + [(("precision",), pose, "plastic") for pose in "BFU"]

@@ -1,8 +1,8 @@
-"""A run killed after any of its stages goes on there; an edit of the code shows in the next run."""
+"""A run killed after any of its stages goes on there; an edit of the code makes again what it must,
+and no more."""
 
 import csv
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,10 +14,26 @@ from tests.bench.run.photographed import RUN, with_photographs
 from tests.installed_copy import copy_package
 
 ROOT = Path(__file__).parents[3]
-STAGES = (
+STAGES = {
     *("simulate", "inspect", "sparse", "dense", "mesh", "calibrate"),
     *("reconstruct", "repeat", "score"),
-)
+}
+
+
+@pytest.fixture
+def photographed(small_bench) -> Path:
+    """The small benchmark with one method and with photographs."""
+    first, *_ = small_bench.read_text().partition('[[method]]\nid = "narrowband"')
+    small_bench.write_text(first)
+    return with_photographs(small_bench)
+
+
+def execute(bench: Path, out: Path, last: str = "never", code: Path = ROOT) -> int:
+    """Run in a process of its own, killed after the first stage named `last`; return its exit code.
+    code: folder from which handbench is imported."""
+    words = [sys.executable, "-c", RUN, str(bench), str(out), last]
+    environment = {**os.environ, "PYTHONPATH": str(code), "HANDBENCH_WORKERS": "1"}
+    return subprocess.run(words, cwd=code, env=environment, capture_output=True).returncode
 
 
 def tasks(out: Path) -> dict[str, list[bool]]:
@@ -30,23 +46,16 @@ def tasks(out: Path) -> dict[str, list[bool]]:
 
 
 @pytest.mark.slow
-def test_a_run_killed_after_a_stage_goes_on_there(small_bench, tmp_path):
+def test_a_run_killed_after_a_stage_goes_on_there(photographed, tmp_path):
     """The killed run, the one that goes on and an undisturbed one are processes."""
-    first, *_ = small_bench.read_text().partition('[[method]]\nid = "narrowband"')
-    small_bench.write_text(first)
-    bench, out = with_photographs(small_bench), tmp_path / "out"
-
-    def exit_code(folder: Path, last: str) -> int:
-        words = [sys.executable, "-c", RUN, str(bench), str(folder), last]
-        return subprocess.run(words, cwd=ROOT, capture_output=True).returncode
-
-    assert exit_code(out, "dense") == 9
+    out = tmp_path / "out"
+    assert execute(photographed, out, "dense") == 9
     assert not (out / "result.json").exists()
     (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind
-    assert exit_code(out, "never") == 0
-    assert exit_code(tmp_path / "whole", "never") == 0
+    assert execute(photographed, out) == 0
+    assert execute(photographed, tmp_path / "whole") == 0
     found = tasks(out)
-    assert set(found) == set(STAGES)
+    assert set(found) == STAGES
     assert all(found["simulate"]) and all(found["sparse"])
     assert found["dense"] == [True, False]  # of the target, then of the capture
     assert figures(out) == figures(tmp_path / "whole")
@@ -60,33 +69,36 @@ def deviation_map(x_m, y_m, z_m):
     found = _single(x_m, y_m, z_m)
     return type(found)(x_m, y_m, 2 * found.error_m, found.reference_z_m)
 """
+IMAGING = {"inspect", "reconstruct", "repeat", "score"}
+EDITS = {  # file → what is made again
+    "bench/evaluation/metrics.py": {"score"},
+    "radar/methods/fsk.py": IMAGING,
+    "groundtruth/sparse/adjust.py": {"sparse", "dense", "mesh", "calibrate", "score"},
+    "bench/scenes/build.py": {"simulate", *IMAGING},
+    "cli/main.py": set(),
+    "reports/page/html.py": set(),
+}
 
 
 @pytest.mark.slow
-def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(
-    small_bench, small_result, tmp_path
-):
+def test_an_edit_shows_in_the_next_run_and_makes_no_more_than_it_must(photographed, tmp_path):
     copied, out = copy_package(tmp_path / "code"), tmp_path / "out"
-    shutil.copytree(small_result, out)
-    command = [sys.executable, "-m", "handbench.cli.main", "run", str(small_bench), "-o", str(out)]
-    environment = {**os.environ, "PYTHONPATH": str(copied.parent)}
-
-    def values() -> dict[str, float]:
-        with (out / "table.csv").open() as stream:
-            return {
-                f"{r['metric']} {r['method']}": float(r["value"])
-                for r in csv.DictReader(stream)
-                if r["value"]
-            }
-
-    before = values()
+    assert execute(photographed, out, code=copied.parent) == 0
+    for name, expected in EDITS.items():
+        with (copied / name).open("a") as stream:
+            stream.write("# edited\n")
+        assert execute(photographed, out, code=copied.parent) == 0
+        made = {stage for stage, cached in tasks(out).items() if not all(cached)}
+        assert made == expected, name
+    before = precision(out)
     with (copied / "bench" / "evaluation" / "depth_errors.py").open("a") as stream:
         stream.write(TWICE)
-    for name in ("cli/main.py", "support/store.py", "reports/page/html.py"):  # of no stage
-        (copied / name).write_text((copied / name).read_text() + "# edited\n")
-    subprocess.run(command, check=True, capture_output=True, cwd=copied, env=environment)
-    after, found = values(), tasks(out)
-    key = "pixel_precision_mm 2fsk"
-    assert after[key] == pytest.approx(2 * before[key], rel=1e-9)
-    made = {stage for stage, cached in found.items() if not all(cached)}
-    assert made == {"repeat", "score"}
+    assert execute(photographed, out, code=copied.parent) == 0
+    assert precision(out) == pytest.approx(2 * before, rel=1e-9)
+
+
+def precision(out: Path) -> float:
+    """The precision of the pixels, as table.csv has it."""
+    with (out / "table.csv").open() as stream:
+        [row] = [r for r in csv.DictReader(stream) if r["metric"] == "pixel_precision_mm"]
+    return float(row["value"])

@@ -15,45 +15,64 @@ from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.results.about import MEASURES
-from handbench.bench.run import outcome, scoring, write_result
-from handbench.bench.run.outcome import Outcome, RunCapture
+from handbench.bench.run.captures import RunCapture
+from handbench.bench.run.common import common_subset
+from handbench.bench.run.engine import Engine
+from handbench.bench.run.write_result import Imaged, RunOutcome, write
+from handbench.bench.stages.reconstruct import DEPTH, TIMING, reconstruct
+from handbench.bench.stages.score import score_capture
 from handbench.calibration.transforms import Transform, identity
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.depthmap import DepthMap
+from handbench.support.files import write_json
+from handbench.support.progress import Work
+from handbench.support.store import Stage
 
 AXIS_M = np.linspace(-0.03, 0.03, 31)
 SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
 
 
 @pytest.fixture
-def written(small_bench, tmp_path):
+def write_plate(small_bench, tmp_path):
     """Write the result of two methods that see a plate at 0.3 m perfectly, on grids of their own;
     the plate's mesh and its transform may know how they err or not."""
     bench, _ = load_benchmark(str(small_bench))
 
-    def write(sigma_m: float, covariance: np.ndarray | None) -> Path:
+    def written(sigma_m: float, covariance: np.ndarray | None) -> Path:
         corners_m = np.array([(x, y, 0.3) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
         faces = np.array([[0, 2, 1], [1, 2, 3]])
         mesh, folder = tmp_path / "plate.ply", tmp_path / "plate"
         Surface(corners_m, faces, np.full(4, sigma_m), np.ones(4, bool)).save(mesh)
         transform = Transform("photo", "radar", np.eye(4), covariance)
-        found = Outcome(bench, [RunCapture(folder, "0" * 64, CaptureFile(name="plate"))], [])
-        files = {"photogrammetry": (mesh, transform), "truth": (mesh, identity("radar"))}
-        found.references["plate"] = files
-        maps = {entry.id: tmp_path / f"{entry.id}.npz" for entry in bench.method}
-        for (id, file), axis_m in zip(maps.items(), (AXIS_M, AXIS_M[5:-5]), strict=True):
-            z_m = np.full((len(axis_m), len(axis_m)), 0.3)
-            DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), id).save(file)
-            found.maps["plate", id], found.configs["plate", id] = file, {}
-            found.seconds["plate", id] = [0.1]
         save_capture_file(folder, CaptureFile(name="plate"))
-        found.scores["plate"] = tmp_path / "scored"
-        scoring.make(found.scores["plate"], str(folder), maps, files, bench.protocol)
-        (tmp_path / "out").mkdir(exist_ok=True)
-        write_result.write(tmp_path / "out", found, "")
+        files = {"photogrammetry": (mesh, transform), "truth": (mesh, identity("radar"))}
+        maps, images = dict[str, Path](), list[Imaged]()
+        for entry, axis_m in zip(bench.method, (AXIS_M, AXIS_M[5:-5]), strict=True):
+            z_m, imaged = np.full((len(axis_m), len(axis_m)), 0.3), tmp_path / entry.id
+            maps[entry.id] = imaged / DEPTH
+            imaged.mkdir()
+            DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id).save(maps[entry.id])
+            write_json(imaged / TIMING, {"seconds": [0.1]})
+            stage = Stage(reconstruct, {"config": {}}, "plate", entry.label)
+            images.append((stage, imaged))
+        score_capture(tmp_path / "scored", str(folder), maps, files, bench.protocol)
+        outcome = RunOutcome(
+            bench=bench,
+            captures=[RunCapture(folder, "0" * 64, CaptureFile(name="plate"))],
+            targets=[],
+            engine=Engine(tmp_path, None, Work(0), []),
+            images=images,
+            qualities=[],
+            references={"plate": tuple(files)},
+            scores={"plate": tmp_path / "scored"},
+            meshes={},
+            facts={},
+        )
+        (tmp_path / "out").mkdir()
+        write(tmp_path / "out", outcome, "")
         return tmp_path / "out"
 
-    return write
+    return written
 
 
 def floors(folder: Path, reference: str) -> list[str]:
@@ -70,9 +89,9 @@ def known_of(folder: Path) -> tuple[np.ndarray, dict]:
         return content["sigma_m"], facts["groundtruth_sigma_rms"]["plate"]
 
 
-def test_mesh_and_registration_reach_the_table_together(written):
+def test_mesh_and_registration_reach_the_table_together(write_plate):
     covariance = np.diag([0, 0, ALONG_Z_M, 0, 0, 0]) ** 2
-    folder, together_m = written(SIGMA_M, covariance), np.hypot(SIGMA_M, ALONG_Z_M)
+    folder, together_m = write_plate(SIGMA_M, covariance), np.hypot(SIGMA_M, ALONG_Z_M)
     found = floors(folder, "photogrammetry")
     assert len(found) == 2  # a perfect radar on its own grid: the same floor
     for value in found:  # σ is float32 in a mesh
@@ -88,9 +107,11 @@ def test_mesh_and_registration_reach_the_table_together(written):
     ("mesh_m", "covariance", "unknown"),
     [(np.nan, 1e-8 * np.eye(6), ["mesh"]), (SIGMA_M, None, ["registration"])],
 )
-def test_what_is_missing_is_named_and_no_floor_is_invented(written, mesh_m, covariance, unknown):
+def test_what_is_missing_is_named_and_no_floor_is_invented(
+    write_plate, mesh_m, covariance, unknown
+):
     """And the truth is exact whatever its file says."""
-    folder = written(mesh_m, covariance)
+    folder = write_plate(mesh_m, covariance)
     assert floors(folder, "photogrammetry") == [""] * 2
     assert floors(folder, "truth") == ["0.0"] * 2
     sigma_m, facts = known_of(folder)
@@ -118,7 +139,7 @@ def basis(lost: dict[str, str]) -> tuple[str, str, str, str]:
     known = [
         RunCapture(Path(name), "", CaptureFile(name=name), of) for name, of in captures.items()
     ]
-    found = outcome.common_subset(Outcome(bench, known, [], failures))
+    found = common_subset(bench, known, failures)
     of_each = ("".join(c.name for c in some) for some in (found.captures, found.repeated))
     return *of_each, " ".join(entry.id for entry in found.methods), found.text
 

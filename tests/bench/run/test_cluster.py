@@ -1,5 +1,4 @@
-"""Runs that outgrow one process: the same jobs in place and on a Dask cluster, failures and lost
-workers included."""
+"""Runs on a Dask cluster: lost workers, workers that differ, and schedulers that do not answer."""
 
 from __future__ import annotations
 
@@ -8,8 +7,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import CancelledError, Executor
+from concurrent.futures import CancelledError
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -17,26 +15,17 @@ import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run import executors
-from handbench.bench.run.executors import HASH, DaskExecutor, LocalExecutor, elsewhere
+from handbench.bench.run.executors import DaskExecutor, elsewhere
 from handbench.bench.run.runner import run
 from handbench.support.errors import HandbenchError
-from handbench.support.store import Stage, cached
 from tests.bench.run.faults import figures
-from tests.bench.run.jobs_of_tests import deadly, performed, stage_of
+from tests.bench.run.stages_of_tests import engine_of, stages_of
 
 STAGES = 6  # of the small benchmark
 
 
 def finished(work: Path) -> int:
     return len(list(work.glob("[!.]*-*")))
-
-
-def _fails_or_ends(root: Path, job: Stage) -> str:
-    if job.capture == "bug":
-        raise ZeroDivisionError("a bug")
-    if job.capture == "bad":
-        raise HandbenchError("mend me")
-    return job.capture
 
 
 @pytest.mark.slow
@@ -70,49 +59,13 @@ def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, small
     assert len(result.tasks) == STAGES and result.about.failures == ()
 
 
-@pytest.fixture(params=["in place", "cluster"])
-def executor(request, tmp_path) -> Iterator[Executor]:
-    if request.param == "in place":
-        yield LocalExecutor()
-        return
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    # Threads of this process: what is tested is the client's side.
-    with distributed.Client(
-        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
-    ) as client:
-        yield DaskExecutor(client)
-
-
-def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
-    known = stage_of("simulate", "a")
-    with pytest.raises(HandbenchError, match="that all workers share"):
-        elsewhere({}, cached, tmp_path / "elsewhere", known)
-    object.__setattr__(known, "code", "0" * 64)
-    with pytest.raises(HandbenchError, match="than the client"):
-        elsewhere({}, cached, tmp_path, known)
-
-
-def test_every_job_comes_back_once_with_its_number_and_a_bug_with_its_exception(
-    executor, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(executors, "IN_FLIGHT", 5)
-    names = ["bad" if k % 5 == 2 else f"c{k}" for k in range(20)]
-    ended = performed(executor, _fails_or_ends, tmp_path, [stage_of(HASH, name) for name in names])
-    found = [done.key if done.failure is None else done.failure.message for done in ended]
-    assert found == [name.replace("bad", "mend me") for name in names]
-    assert performed(executor, _fails_or_ends, tmp_path, []) == []
-    stages = [stage_of(HASH, name) for name in ("a", "bug", "b")]
-    with pytest.raises(ZeroDivisionError, match="a bug"):
-        performed(executor, _fails_or_ends, tmp_path, stages)
-
-
-def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
+def test_a_stage_that_kills_its_workers_fails_alone(tmp_path):
     """(Dask blames what a worker merely had waiting too; with this saturation nothing waits
     there.)"""
     distributed = pytest.importorskip("distributed")
     import dask
 
-    names, scheduler = ["a", "b", "deadly", "c", "d"], "distributed.scheduler."
+    names, scheduler = ["a", "deadly", "b"], "distributed.scheduler."
     limits = {f"{scheduler}allowed-failures": 0, f"{scheduler}worker-saturation": 1.0}
     one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
     with (
@@ -120,13 +73,19 @@ def test_the_job_that_kills_its_workers_fails_alone(tmp_path):
         distributed.LocalCluster(**one) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        stages = [stage_of(HASH, name) for name in names]
-        ended = performed(DaskExecutor(client), deadly, tmp_path, stages)
-    assert [done.key for done in ended] == [name if name != "deadly" else "" for name in names]
-    assert (
-        ended[2].failure.message
-        == "1 workers ended while computing it; give the workers more memory"
-    )
+        engine = engine_of(tmp_path / "work", DaskExecutor(client))
+        ended = engine.perform(stages_of(*names))
+    assert [isinstance(one, Path) for one in ended] == [True, False, True]
+    assert "its workers ended" in ended[1].message
+
+
+def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
+    [stage] = stages_of("a")
+    with pytest.raises(HandbenchError, match="that all workers share"):
+        elsewhere(tmp_path / "elsewhere", stage)
+    object.__setattr__(stage, "code", "0" * 64)
+    with pytest.raises(HandbenchError, match="than the client"):
+        elsewhere(tmp_path, stage)
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "without the extra"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, embedded_benchmarks, load_benchmark
-from handbench.bench.run import jobs
+from handbench.bench.run.captures import scene_of
 from handbench.bench.validation.inspection import problems_of
 from handbench.support.errors import HandbenchError
 
@@ -31,14 +31,13 @@ def test_every_person_is_a_capture(tmp_path: Path) -> None:
     path = bench_file(tmp_path, 'scene = "hand.toml"\npersons = [1, 12]', 'scene = "hand.toml"')
     bench, base = load_benchmark(str(path))
     assert [source.persons for source in bench.capture] == [(1,), (12,), None]
-    stages = [jobs.opening(bench, base, source, 1) for source in bench.capture]
-    assert [stage.capture for stage in stages] == ["B-person-01", "B-person-12", "B"]
-    scenes = [stage.arguments["scene"] for stage in stages]
-    targets = [scene["target"] for scene in scenes]
-    assert len({scene["seed"] for scene in scenes}) == 3
-    assert len({target["distance_m"] for target in targets}) == 3
-    assert [target["person"] for target in targets] == [1, 12, 0]
-    assert targets[2]["distance_m"] == 0.31
+    scenes = [scene_of(bench, base, source)[0] for source in bench.capture]
+    assert [scene.name for scene in scenes] == ["B-person-01", "B-person-12", "B"]
+    targets = [scene.target for scene in scenes]
+    assert len({scene.seed for scene in scenes}) == 3
+    assert len({target.distance_m for target in targets}) == 3
+    assert [target.person for target in targets] == [1, 12, 0]
+    assert targets[2].distance_m == 0.31
     kept = bench.model_dump(mode="json", exclude_none=True)  # as config.toml keeps it
     again = BenchFile.model_validate(kept)
     assert [one for source in again.capture for one in source.each()] == list(bench.capture)
@@ -49,9 +48,9 @@ def test_values_of_a_scene_are_replaced(tmp_path: Path) -> None:
     changes = "set = { target.motion.velocity_m_s = 0.1, sensor.step_time_s = 2e-3 }"
     path = bench_file(tmp_path, f'{HAND}\nsuffix = "fast"\n{changes}', HAND)
     bench, base = load_benchmark(str(path))
-    stages = [jobs.opening(bench, base, source, 1) for source in bench.capture]
-    assert [stage.capture for stage in stages] == ["B-fast", "B"]
-    fast, before = (stage.arguments["scene"] for stage in stages)
+    scenes = [scene_of(bench, base, source)[0] for source in bench.capture]
+    assert [scene.name for scene in scenes] == ["B-fast", "B"]
+    fast, before = (scene.model_dump() for scene in scenes)
     assert fast["target"]["motion"].pop("velocity_m_s") == 0.1
     assert before["target"]["motion"].pop("velocity_m_s") == 0
     assert fast["sensor"].pop("step_time_s") == 2e-3 and before["sensor"].pop("step_time_s")
@@ -100,5 +99,5 @@ def test_the_embedded_hands_are_twelve_people() -> None:
     assert persons == list(range(1, 13)) and bench.reproduces is None
     assert bench.phase_noise_rad == load_benchmark("paper_table")[0].phase_noise_rad
     for source in bench.capture:
-        scene = jobs.opening(bench, base, source, 1).arguments["scene"]
-        assert scene["photos"] is None and 0.295 < scene["target"]["distance_m"] < 0.325
+        scene, _ = scene_of(bench, base, source)
+        assert scene.photos is None and 0.295 < scene.target.distance_m < 0.325

@@ -10,10 +10,10 @@ import pytest
 from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.evaluation.treatments import WINDOW_PX
-from handbench.bench.run import reconstruct_stage
 from handbench.bench.run.runner import run
-from handbench.bench.run.scoring import completed_by
-from handbench.bench.stages.reconstruct import read_treated, write_treated
+from handbench.bench.stages import reconstruct
+from handbench.bench.stages.reconstruct import Imager, read_treated, write_treated
+from handbench.bench.stages.score import completed_by
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
@@ -47,13 +47,13 @@ def test_times_are_repeated_until_they_settle_or_half_a_second_has_gone(each_s, 
     times settle with three more; two that differ by a factor of two do not, and 33 of 10 and 20 ms
     fill half a second."""
     clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
-    monkeypatch.setattr(reconstruct_stage, "time", clock)
+    monkeypatch.setattr(reconstruct, "time", clock)
 
     def image(frame):
         clock.now += each_s[frame]
 
     imager = SimpleNamespace(frames=2, task=SimpleNamespace(image=image))
-    found = reconstruct_stage.Imager.until_settled(imager, [each_s[0], each_s[1], each_s[0]])
+    found = Imager.until_settled(imager, [each_s[0], each_s[1], each_s[0]])
     assert len(found) == 3 + more
 
 
@@ -108,7 +108,7 @@ def test_a_run_has_equal_treatment_frames_and_enough_times(small_bench, tmp_path
     """The times are those of the frames but the first, whose image plans, and what was repeated
     until they settled; the error on common pixels is made by hand too, from the files alone."""
     repeated = lambda imager, seconds: [*seconds, 7.0]  # noqa: E731
-    monkeypatch.setattr(reconstruct_stage.Imager, "until_settled", repeated)
+    monkeypatch.setattr(Imager, "until_settled", repeated)
     text = small_bench.read_text().replace("repeats = 3", "repeats = 3\nframes = 4")
     small_bench.write_text(text)
     bench, base = load_benchmark(str(small_bench))

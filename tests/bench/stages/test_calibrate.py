@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.native import ECHOES, TARGET, CaptureFile, save_capture_file
-from handbench.bench.run import calibrate_stage, photogrammetry
+from handbench.bench.stages.calibrate import REGISTRATION, calibrate, calibrate_captures
 from handbench.calibration.registration.register import common_covariance
 from handbench.calibration.spheres.description import default_target, save_target
 from handbench.calibration.transforms import load_transform
@@ -41,8 +41,8 @@ def test_a_cloud_and_echoes_give_the_transform(tmp_path, monkeypatch):
     seen = np.ones((len(points_m), 1), dtype=bool)
     cloud = Cloud(points_m, normals, seen, np.zeros(len(points_m)), ("a.png",), 0.0)
     cloud.save(tmp_path / "cloud.npz")
-    calibrate_stage.calibrate(tmp_path, [str(folder)], [str(tmp_path / "cloud.npz")])
-    found = load_transform(tmp_path / calibrate_stage.REGISTRATION)
+    calibrate(tmp_path, [str(folder)], [str(tmp_path / "cloud.npz")])
+    found = load_transform(tmp_path / REGISTRATION)
     assert (found.source, found.target) == ("photo", "radar")
     miss_m = found.points(photo_m) - radar_m
     assert np.linalg.norm(miss_m, axis=1).max() < 1e-4
@@ -63,6 +63,6 @@ def test_captures_of_two_targets_or_without_photographs_are_refused_before_the_w
     other = target_folder(tmp_path / "other", softer)
     words = r"other/target\.toml: describes another target than the file in .*one"
     with pytest.raises(HandbenchError, match=words):
-        photogrammetry.calibrate_captures([one, other], "draft", seed=0)
+        calibrate_captures([one, other], "draft", seed=0)
     with pytest.raises(HandbenchError, match="one: has no folder of photographs"):
-        photogrammetry.calibrate_captures([one], "draft", seed=0)
+        calibrate_captures([one], "draft", seed=0)

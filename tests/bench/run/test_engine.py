@@ -1,0 +1,119 @@
+"""Stages wherever they are carried out: each comes back once, times are taken alone, and nothing
+outlives a run."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from multiprocessing import get_context
+from pathlib import Path
+
+import psutil
+import pytest
+
+from handbench.bench.run import executors
+from handbench.bench.run.executors import DaskExecutor, ProcessExecutor
+from handbench.support.errors import HandbenchError
+from handbench.support.files import read_json
+from handbench.support.parallel import workers
+from tests.bench.run.stages_of_tests import SPAN, engine_of, stages_of
+
+COUNT = min(len(os.sched_getaffinity(0)), 2)  # of processes
+
+
+@pytest.fixture
+def beside() -> Iterator[ProcessExecutor]:
+    with ProcessExecutor(COUNT) as processes:
+        yield processes
+
+
+@pytest.fixture(params=["here", "processes", "cluster"])
+def executor(request) -> Iterator[Executor | None]:
+    if request.param == "here":
+        yield None
+    elif request.param == "processes":
+        yield request.getfixturevalue("beside")
+    else:
+        distributed = pytest.importorskip("distributed")
+        # threads of this process: what is tested is the client's side
+        one = {"processes": False, "n_workers": 1, "threads_per_worker": 2}
+        with distributed.Client(**one, dashboard_address=":0") as client:
+            yield DaskExecutor(client)
+
+
+def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(executor, tmp_path):
+    engine, stages = engine_of(tmp_path / "work", executor), stages_of("a", "bad", "b", "bad", "c")
+    ended = engine.perform(stages)
+    assert [ended[n] for n in (0, 2, 4)] == [stages[n].folder(engine.work) for n in (0, 2, 4)]
+    assert [ended[n] for n in (1, 3)] == engine.failures
+    assert [(f.capture, f.stage, f.message) for f in engine.failures] == [
+        ("bad", "mesh", "mend me")
+    ] * 2
+    assert [task["cached"] for task in engine.tasks] == [False] * 3
+    assert engine.perform([]) == [] and engine.perform(stages_of("a")) == ended[:1]
+    assert engine.tasks[-1]["cached"] and engine.progress.done == 6
+    with pytest.raises(ZeroDivisionError, match="a bug") as caught:
+        engine.perform(stages_of("d", "bug", "e"))
+    if isinstance(executor, ProcessExecutor):
+        assert "in act" in str(caught.value.__cause__)
+
+
+def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
+    cores, engine = os.sched_getaffinity(0), engine_of(tmp_path / "work", beside)
+    images, meshes = stages_of("f", "u", shares=False), stages_of(*"abcd")
+    folders = engine.perform([images[0], *meshes, images[1]])
+    first, *of_meshes, last = [read_json(folder / SPAN, "a span") for folder in folders]
+    assert len({pid for _, _, pid, _ in of_meshes}) == COUNT, "a process for each core"
+    assert {threads for *_, threads in of_meshes} == {max(workers() // COUNT, 1)}, "its share"
+    for image in (first, last):
+        began_s, ended_s, pid, threads = image
+        assert pid == os.getpid() and threads == workers()
+        others = [span for span in (first, *of_meshes, last) if span is not image]
+        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), "alone"
+    assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
+
+
+def test_one_stage_or_too_little_memory_starts_no_process(beside, tmp_path, monkeypatch):
+    [folder] = engine_of(tmp_path / "work", beside).perform(stages_of("a"))
+    assert read_json(folder / "pid.json", "an id") == os.getpid()
+    monkeypatch.setattr(executors, "STAGE_BYTES", 1e18)
+    with executors.executor() as none:
+        assert none is None
+
+
+def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path, monkeypatch):
+    monkeypatch.setattr(executors, "process_count", lambda: 2)
+    with (
+        pytest.raises(HandbenchError, match="run the same command, which resumes the run"),
+        executors.executor() as processes,
+    ):
+        engine_of(tmp_path / "work", processes).perform(stages_of("a", "deadly"))
+
+
+def _endless(root: Path) -> None:
+    # ignored where a shell started the tests in background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    executors.process_count = lambda: COUNT
+    with executors.executor() as processes:
+        engine_of(root, processes).perform(stages_of("endless", "endless"))
+
+
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_no_process_outlives_a_killed_run(tmp_path, sign):
+    """The next run's folders would be filled by what the last one left."""
+    parent = get_context("spawn").Process(target=_endless, args=(tmp_path / "work",))
+    parent.start()
+    guard_s, pids = time.monotonic() + 600, list[int]()
+    while len(pids) < COUNT:  # a process for each core
+        assert time.monotonic() < guard_s
+        pids = [int(file.read_text()) for file in tmp_path.glob("work/*/pid.json")]
+        time.sleep(0.05)
+    left = [psutil.Process(pid) for pid in pids]
+    os.kill(parent.pid, sign)
+    parent.join()
+    while any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in left):
+        assert time.monotonic() < guard_s
+        time.sleep(0.05)
