@@ -44,7 +44,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.folder import locked
 from handbench.support.progress import counted
-from handbench.support.store import Input, Stage
+from handbench.support.store import Input, Stage, read_sources
 
 Surface = tuple[Input, Transform]  # a mesh file, and the transform into the radar frame
 PhotoStages = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
@@ -67,6 +67,7 @@ def run(
     fails."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
     base, plan = base.resolve(), stage_counts(bench)
+    read_sources()
     with locked(folder) as work, executor(scheduler) as elsewhere, counted(sum(plan)) as progress:
         _require_same(folder, config, overwrite)
         engine = Engine(work.resolve(), elsewhere, progress, plan)

@@ -4,6 +4,7 @@
 import signal
 import sys
 from pathlib import Path
+from threading import current_thread, main_thread
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -17,11 +18,11 @@ from handbench.support.files import read_json, write_json
 
 def load_pycolmap() -> ModuleType:
     """Import pycolmap, and undo that the import installs a SIGTERM handler of its own, which prints
-    a stack trace. Only the main thread can do that, so the first call must be made there."""
+    a stack trace. Only the main thread can do that; in a thread of a cluster's worker it stays."""
     first, before = "pycolmap" not in sys.modules, signal.getsignal(signal.SIGTERM)
     import pycolmap
 
-    if first and before is not None:
+    if first and before is not None and current_thread() is main_thread():
         signal.signal(signal.SIGTERM, before)
     return pycolmap
 

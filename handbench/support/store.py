@@ -81,6 +81,13 @@ def code_key(function: Callable[..., None]) -> str:
     return content_hash(sources, versions(), sys.version_info[:2])
 
 
+def read_sources() -> None:
+    """Hash the sources of all stages that have been declared, so that an edit during a run does not
+    count as what the run's process has read."""
+    for function in DECLARED:
+        code_key(function)
+
+
 @cache
 def source_hash(name: str) -> str:
     """Return the hash of a folder or a file of handbench's source, such as "radar/data": names and
