@@ -185,7 +185,7 @@ def stream(
     chosen = registry.method(method)
     where = f"method '{method}'"
     config = chosen.configure(_within(chosen.configure({}, where), settings), where)
-    asked_hz = requested_tones_hz(config) if frequencies_hz is None else frequencies_hz
+    asked_hz = requested_tones_hz(config) if frequencies_hz is None else np.asarray(frequencies_hz)
     if asked_hz is None:
         raise HandbenchError(
             f"frequencies_hz: is missing, and '{method}' names no tones; pass those of the samples"

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -48,7 +49,7 @@ class Engine:
         for stage in stages:
             if stage not in done:
                 self.progress.begin(stage.label)
-                done[stage] = self._ended(stage, lambda stage=stage: cached(self.work, stage))
+                done[stage] = self._ended(stage, partial(cached, self.work, stage))
         self.progress.reach(sum(self.plan[: self.rounds]))
         return [self._record(stage, done[stage]) for stage in stages]
 

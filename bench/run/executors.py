@@ -73,7 +73,7 @@ class DaskExecutor(Executor):
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Send a call of the function to one of the cluster's workers, and return its future."""
         future: Future[Any] = Future()
-        sent = self._client.submit(function, *args, pure=False, **kwargs)
+        sent: Any = self._client.submit(function, *args, pure=False, **kwargs)
         sent.add_done_callback(partial(_pass_on, future))
         return future
 

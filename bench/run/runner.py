@@ -274,7 +274,7 @@ def find_references(
     meshes: capture → stage that made a mesh of its photographs. registration: transform from the
     photo frame to the radar frame, for captures that have none."""
     failed = {failure.capture for failure in engine.failures if not failure.method}
-    surfaces = {}
+    surfaces: dict[str, dict[str, Surface]] = {}
     for capture in (c for c in captures if c.accurate and c.name not in failed):
         mesh = meshes.get(capture.name)
         made = None if mesh is None else mesh.output(engine.work, MESH)

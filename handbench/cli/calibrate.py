@@ -8,7 +8,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.evaluation.refine import refine_files
-from handbench.bench.run import photogrammetry
+from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
 from handbench.calibration.array.array_file import save_array, with_calibration
 from handbench.calibration.echoes.corrections import Corrections
 from handbench.calibration.echoes.estimate import self_calibrate
@@ -77,12 +77,10 @@ def _from_targets(options: argparse.Namespace) -> Transform:
         )
     array = None
     if options.array is not None:
-        array = photogrammetry.calibrate_array(options.capture)
+        array = calibrate_array(options.capture)
         save_array(options.array, array)
         say(f"{options.array}: {array.summary()}")
-    transform = photogrammetry.calibrate_captures(
-        options.capture, options.quality, options.seed, array=array
-    )
+    transform = calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
     sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
     error = (

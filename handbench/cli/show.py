@@ -87,8 +87,7 @@ def _drawing(options: argparse.Namespace) -> None:
             save_board(out, thing)
         say(f"{out}: {title}")
         return
-    draw = target_sheet if isinstance(thing, Target) else board_sheet
-    figure = draw(thing, title)
+    figure = target_sheet(thing, title) if isinstance(thing, Target) else board_sheet(thing, title)
     save(out, figure)
     width, height = figure.get_size_inches() * INCH_MM
     say(f"{out}: {title}, {width:.0f} × {height:.0f} mm; print at 100 %")

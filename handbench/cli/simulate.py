@@ -36,8 +36,8 @@ def run(options: argparse.Namespace) -> str | None:
         return f"{options.out}: {captures} simulated"
     if options.explain:
         scene = load_scene(options.scene)
-        photographs = photo_effects(scene.file.photos) if scene.file.photos else ()
-        show(choices(scene, explain=True) + photographs)
+        of_photos = photo_effects(scene.file.photos) if scene.file.photos else ()
+        show(choices(scene, explain=True) + of_photos)
         return None
     if options.out is None:
         raise HandbenchError(
