@@ -59,24 +59,21 @@ def embree(vertices_m: np.ndarray, faces: np.ndarray) -> RaycastingScene:
     vertices_m [n, 3]: metres, stored in single precision; faces [m, 3]: indices of vertices."""
     core = load_open3d()
     scene = core.t.geometry.RaycastingScene()
-    vertices, triangles = (
-        np.ascontiguousarray(vertices_m, np.float32),
-        np.ascontiguousarray(faces, np.uint32),
+    scene.add_triangles(
+        core.core.Tensor(np.ascontiguousarray(vertices_m, np.float32)),
+        core.core.Tensor(np.ascontiguousarray(faces, np.uint32)),
     )
-    scene.add_triangles(core.core.Tensor(vertices), core.core.Tensor(triangles))
     return scene
 
 
 class Rays:
     """Ray casting against the triangles of a mesh.
-    vertices_m [n, 3]: metres; faces [m, 3]: indices of vertices. `Rays.cast` is the number of all
-    rays that this process has cast. Raises HandbenchError for a vertex farther than 500 m
-    (FARTHEST_M) from the origin, where single precision is too coarse."""
-
-    cast = 0
+    vertices_m [n, 3]: metres; faces [m, 3]: indices of vertices. Raises
+    HandbenchError for a vertex farther than 500 m (FARTHEST_M) from the origin, where single
+    precision is too coarse."""
 
     def __init__(self, vertices_m: np.ndarray, faces: np.ndarray) -> None:
-        far_m = float(np.abs(vertices_m).max(initial=0))
+        far_m = np.abs(vertices_m).max(initial=0)
         if not far_m <= FARTHEST_M:
             raise HandbenchError(
                 f"mesh: a vertex is {far_m:.3g} m from the origin of the radar frame, but ray "
@@ -107,7 +104,6 @@ class Rays:
         ).numpy()
 
     def _tensor(self, origins_m: np.ndarray, directions: np.ndarray) -> Any:
-        Rays.cast += len(origins_m)
-        rays = np.empty((len(origins_m), 6), np.float32)
-        rays[:, :3], rays[:, 3:] = origins_m, directions
-        return load_open3d().core.Tensor(rays)
+        return load_open3d().core.Tensor(
+            np.concatenate([origins_m, directions], axis=1, dtype=np.float32)
+        )
