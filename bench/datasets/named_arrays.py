@@ -18,7 +18,7 @@ from handbench.support.files import (
     read_text,
     require_file,
 )
-from handbench.support.hdf5 import local_item, open_hdf5, read
+from handbench.support.hdf5 import local_item, read
 from handbench.support.limits import ARRAY_BYTES, MOST_CELLS, TABLE_BYTES
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
@@ -86,7 +86,7 @@ def _read(path: Path, name: str, skip_lines: int) -> np.ndarray:
         return read_npz(path, (name,))[name]
     if not h5py.is_hdf5(path):
         return _read_matlab(path, name)
-    with open_hdf5(path) as file:
+    with h5py.File(path, "r") as file:
         if local_item(file, name) is None:
             raise _missing(path, name, file)
         return read(file, name, path)

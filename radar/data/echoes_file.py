@@ -17,7 +17,7 @@ from handbench.radar.data.recording import Recording
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, plain_json, require_file
-from handbench.support.hdf5 import attribute, local_item, open_hdf5, read
+from handbench.support.hdf5 import attribute, local_item, read
 from handbench.support.limits import JSON_BYTES
 
 if TYPE_CHECKING:
@@ -94,9 +94,11 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
 def load_capture(path: str | Path) -> RadarCapture:
     """Read the `RadarCapture` in a file `echoes.h5`. Raises HandbenchError for a file that is
     damaged, has another format, or has contents that do not fit together."""
+    import h5py
+
     path = require_file(path, "an echoes.h5 file")
     try:
-        with open_hdf5(path) as file:
+        with h5py.File(path, "r") as file:
             found = attribute(file, "format"), attribute(file, "version")
             version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
             if version is None:

@@ -179,7 +179,7 @@ REFUSED = {
     "missing": (of(dataset="xs"), r"hand\.mat: has no 'xs'; the file has "),
     "order": (of(axes=["tx", "rx", "frequency", "frame"]), r"expected \[frame, frequency 5, rx 4"),
     "real": (of(dataset="re"), "'re' has values of type float32; expected complex numbers"),
-    "a group": (of(dataset="set"), "'set' is not a data set"),
+    "a group": (of(dataset="set"), "'set' is missing or is not a data set"),
     "no axis of antennas": (of(axes=["frequency"]), "frequency 5"),
     "a table too many": ({"position": GRID}, "the tables do not fit"),
     "a table too few": (of(axes=["pair", "frequency"]), "the tables do not fit"),

@@ -47,7 +47,7 @@ def _mirrored(folder):
     [
         (
             lambda folder: (folder / "a.png").write_bytes(b"no picture"),
-            r"a\.png: is not a readable photograph",
+            r"a\.png: is not a readable JPEG, PNG, TIFF",
         ),
         (_mirrored, r"mirror\.jpg: its EXIF orientation 5 says that the picture is mirrored"),
         (
