@@ -28,18 +28,11 @@ from handbench.bench.validation.capture_problems import (
     capture_problems,
     method_problems,
 )
-from handbench.bench.validation.problems import (
-    Found,
-    Location,
-    ParsedFile,
-    Problem,
-    attempt,
-    parse_model,
-)
+from handbench.bench.validation.problems import Found, ParsedFile, Problem, attempt, parse_model
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import load_positions
-from handbench.support.config import Config, load
+from handbench.support.config import Config, Location, load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.limits import MOST_TABLES

@@ -34,7 +34,6 @@ from handbench.bench.validation.checks import (
 )
 from handbench.bench.validation.problems import (
     Found,
-    Location,
     ParsedFile,
     Problem,
     attempt,
@@ -54,7 +53,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.registry import method
-from handbench.support.config import Config
+from handbench.support.config import Config, Location
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
 from handbench.support.pictures import SUFFIXES

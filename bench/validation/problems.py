@@ -17,11 +17,10 @@ from typing import Any, TypeVar
 import pydantic
 
 from handbench.bench.validation.checks import CHECKS
-from handbench.support.config import Config, complaint, read_toml
+from handbench.support.config import Config, Location, complaints, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 
-Location = tuple[str | int, ...]
 NAME = r"""(?:[\w-]+|"[^"\n]*"|'[^'\n]*')"""  # of a key of TOML
 # characters of a JSON text whose lines are found: its tree takes 400 times as much memory
 LONGEST = 1 << 20
@@ -146,10 +145,8 @@ class ParsedFile:
         try:
             return model.model_validate(values)
         except pydantic.ValidationError as error:
-            for problem in error.errors():
-                yield self.problem(
-                    (*prefix, *_keys(values, problem["loc"])), complaint(model, problem, prefix)
-                )
+            for place, text in complaints(error, values, prefix):
+                yield self.problem(place, text)
             return None
 
 
@@ -206,16 +203,3 @@ def parse_model(
     return found, None if found.values is None else (
         yield from found.complaints(model, found.values)
     )
-
-
-def _keys(values: Any, location: tuple[int | str, ...]) -> Location:
-    """Return the place of a validation error as keys of the file, without the tags that pydantic
-    adds for members of a union."""
-    keys: list[str | int] = []
-    for number, part in enumerate(location):
-        there = isinstance(values, dict) and part in values
-        there = there or (isinstance(values, list) and isinstance(part, int) and part < len(values))
-        if there or number == len(location) - 1:
-            keys.append(part)
-            values = values[part] if there else None
-    return tuple(keys)

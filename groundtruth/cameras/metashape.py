@@ -27,7 +27,7 @@ import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.support.errors import HandbenchError
-from handbench.support.files import at_fault, one_form, read_text
+from handbench.support.files import one_form, read_parsed
 from handbench.support.limits import MOST_ELEMENTS, XML_BYTES
 
 MOST_PARTS = 100  # of a sensor, and of its calibration
@@ -47,7 +47,7 @@ def read_metashape(path: str | Path, photos: Collection[str] | None = None) -> t
     one. Raises HandbenchError for a lens that COLMAP cannot represent, and for a file that
     Metashape did not write.
     """
-    root = _parse(path)
+    root = read_parsed(path, "cameras exported by Metashape", "XML", _parse, XML_BYTES)
     chunks = [c for c in root.iterfind("chunk") if c.find("cameras//camera") is not None]
     if root.tag != "document" or len(chunks) != 1:
         raise HandbenchError(
@@ -84,24 +84,17 @@ def _is_of(label: str, photos: Collection[str]) -> bool:
     return any(name in short or PurePosixPath(name).stem in short for name in photos)
 
 
-def _parse(path: str | Path) -> ElementTree.Element:
-    """Parse an XML file and return its root element.
+def _parse(text: str) -> ElementTree.Element:
+    """Parse an XML text and return its root element.
 
-    Raises HandbenchError for a file that is too large or not XML. A document type declaration is
-    refused too, since its entities can expand to more memory than there is.
+    Raises ValueError for a text that is too large. A document type declaration is refused too,
+    since its entities can expand to more memory than there is.
     """
-    text = ""
-    try:
-        text = read_text(path, "cameras exported by Metashape", XML_BYTES)
-        if "<!DOCTYPE" in text.upper():
-            raise ValueError("it has a DOCTYPE")
-        if text.count("<") + text.count("=") > MOST_ELEMENTS:
-            raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
-        return ElementTree.fromstring(text)
-    except (ValueError, ElementTree.ParseError) as error:
-        raise HandbenchError(
-            f"{path}: is not readable as XML ({at_fault(error, text)}); export the cameras again"
-        ) from error
+    if "<!DOCTYPE" in text.upper():
+        raise ValueError("it has a DOCTYPE")
+    if text.count("<") + text.count("=") > MOST_ELEMENTS:
+        raise ValueError(f"it has more than {MOST_ELEMENTS} tags and attributes")
+    return ElementTree.fromstring(text)
 
 
 def _camera(

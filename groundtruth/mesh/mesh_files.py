@@ -17,7 +17,7 @@ from handbench.groundtruth.mesh.ply import MOST, read_ply, write_ply
 from handbench.groundtruth.mesh.polygons import MOST_CORNERS, triangles
 from handbench.support.cost import require_free
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, is_utf_16, require_file, require_size
+from handbench.support.files import atomic_path, require_file, require_size
 from handbench.support.limits import MESH_BYTES
 from handbench.support.rays import PointCloud, RaycastingScene, TriangleMesh, embree, load_open3d
 
@@ -187,9 +187,6 @@ def _read_obj(path: Path) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     vertices: list[tuple[float, ...]] = []
     faces = defaultdict[int, list[list[int]]](list)
     with path.open("rb") as stream:
-        if is_utf_16(stream.read(4)):
-            raise ValueError("the text is in UTF-16; save the file as UTF-8")
-        stream.seek(0)
         for number, line in _obj_lines(stream):
             try:
                 match line.split():

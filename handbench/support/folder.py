@@ -11,7 +11,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from handbench.support.errors import HandbenchError
@@ -35,18 +35,12 @@ def require_owned(path: Path) -> os.stat_result | None:
 
 
 def _refuse_foreign(found: os.stat_result, path: Path) -> None:
-    if stat.S_ISLNK(found.st_mode):
-        what = "a link"
-    elif not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-        what = "neither a file nor a folder"
-    elif os.geteuid() not in (0, found.st_uid):
-        what = f"a file or folder of another user (user ID {found.st_uid})"
-    else:
-        return
-    raise HandbenchError(
-        f"{path}: is {what}, so handbench did not write it and does not change it; remove it, or "
-        "choose another folder for -o"
-    )
+    ordinary = stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)
+    if not ordinary or os.geteuid() not in (0, found.st_uid):
+        raise HandbenchError(
+            f"{path}: is a link or a device, or belongs to another user, so handbench did not "
+            "write it and does not change it; remove it, or choose another folder for -o"
+        )
 
 
 def is_owned_folder(path: Path) -> bool:
@@ -61,39 +55,23 @@ def read_owned(path: str | Path) -> Iterator[bytes]:
     """Yield the content of a file in blocks of 4 MB (PART_BYTES).
     Raises FileNotFoundError if there is no file, and HandbenchError for a link, a device or a pipe,
     and for a file of another user."""
-    handle = _open_owned(path, os.O_RDONLY)
-    try:
-        while part := os.read(handle, PART_BYTES):
+    with open(path, "rb", opener=_open_owned) as stream:
+        while part := stream.read(PART_BYTES):
             yield part
-    finally:
-        os.close(handle)
 
 
-def _open_owned(path: str | Path, flags: int) -> int:
-    """Open a file and return its descriptor, without following a link or waiting for a pipe.
-    flags: those of `os.open`. Raises HandbenchError for anything but a file or folder of this
-    user."""
-    try:
-        handle = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
-    except OSError:
-        require_owned(Path(path))  # explains what is there, if that is the reason
-        raise
-    try:
-        _refuse_foreign(os.fstat(handle), Path(path))
-    except HandbenchError:
-        os.close(handle)
-        raise
-    return handle
+def _open_owned(path: str, flags: int) -> int:
+    """Open a file of this user, without following a link or waiting for a pipe. An `opener` of
+    `open`."""
+    require_owned(Path(path))
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
 
 
 def drop(folder: Path, names: Sequence[str]) -> None:
     """Delete files and folders in a folder before they are written again: those with the given
     names, in this order, and temporary files for these names that a killed run left."""
-    half_written = [
-        p
-        for p in folder.iterdir()
-        if any(p.name.startswith(f".{Path(name).stem}-") for name in names)
-    ]
+    prefixes = tuple(f".{Path(name).stem}-" for name in names)
+    half_written = [path for path in folder.iterdir() if path.name.startswith(prefixes)]
     with writable(folder, ADVICE):
         for path in [folder / name for name in names] + half_written:
             _remove(path)
@@ -116,10 +94,6 @@ def locked(folder: Path) -> Iterator[Path]:
     but no marker, if another run is writing to it, or if something in it or in `work` is not a file
     or folder of this user.
     """
-    if folder.exists() and not folder.is_dir():
-        raise HandbenchError(
-            f"{folder}: is a file, but the results need a folder; choose another folder for -o"
-        )
     there = sorted(folder.iterdir()) if folder.is_dir() else []
     if there and folder / MARKER not in there:
         raise HandbenchError(
@@ -127,19 +101,17 @@ def locked(folder: Path) -> Iterator[Path]:
             "-o"
         )
     work = folder / WORK
-    with writable(folder, ADVICE):
-        if folder.is_dir():
-            _refuse_foreign(folder.stat(), folder)
-        for path in there:
-            require_owned(path)
-        folder.mkdir(parents=True, exist_ok=True)
-        # first: it says whose a folder without work is
-        handle = _open_owned(folder / MARKER, os.O_WRONLY | os.O_CREAT)
-    try:
+    with ExitStack() as ending:
         with writable(folder, ADVICE):
+            folder.mkdir(exist_ok=True)
+            _refuse_foreign(folder.stat(), folder)
+            for path in there:
+                require_owned(path)
+            # first: it says whose a folder without work is
+            marker = ending.enter_context(open(folder / MARKER, "ab", opener=_open_owned))
             work.mkdir(exist_ok=True)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(marker, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise HandbenchError(
                 f"{folder}: another run is writing into this folder; wait until it ends, or "
@@ -151,5 +123,3 @@ def locked(folder: Path) -> Iterator[Path]:
             else:
                 require_owned(path)
         yield work
-    finally:
-        os.close(handle)

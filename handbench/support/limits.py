@@ -23,29 +23,24 @@ MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration t
 RESULT_VALUES = 800_000  # of a benchmark's record
 RAW_VALUES = 2_000_000  # of a JSON file that is checked against nothing
 MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
-LONGEST_NAME = 255  # bytes of a file's
+# what the name of no file and no path has: too many bytes, or a zero
+UNFIT = re.compile(rb"[^/]{256}|.{1001}|\0", re.DOTALL)
 NAME_BYTES = 100  # of a capture's or a method's: names of files have both
 MOST_CELLS = 16_000_000  # of a CSV file
 MOST_COLUMNS = 1000  # of its first line
 MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
-MOST_PROBLEMS = 1000  # reported separately in one file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
 # tomllib is quadratic
 LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")
 
 
-def require_shallow(values: Any) -> Any:
+def require_shallow(values: Any, levels: int = DEEPEST) -> Any:
     """Return `values` (plain values in lists and mappings) unchanged. Raises ValueError if they are
-    nested deeper than 32 levels (DEEPEST)."""
-    level = [values]
-    for _ in range(DEEPEST + 1):
-        inner = [
-            part.values() if isinstance(part, dict) else part
-            for part in level
-            if isinstance(part, dict | list)
-        ]
-        level = [value for part in inner for value in part]
-        if not level:
-            return values
-    raise ValueError(f"its values are nested deeper than {DEEPEST} levels")
+    nested deeper than so many levels."""
+    if levels < 0:
+        raise ValueError(f"its values are nested deeper than {DEEPEST} levels")
+    parts = values.values() if isinstance(values, dict) else values
+    for part in parts if isinstance(values, dict | list) else ():
+        require_shallow(part, levels - 1)
+    return values

@@ -1,6 +1,7 @@
 """Antenna arrays and scans, with their positions in the radar frame: origin at the aperture's
 centre, z away from the array, y up, x = y × z."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_csv
+from handbench.support.files import read_parsed
+from handbench.support.limits import CSV_BYTES
 
 MOST_ANTENNAS = 2000  # of one file; 2000 × 2000 channels take 32 MB a tone
 SPEED_OF_LIGHT_M_S = 299_792_458.0
@@ -198,30 +200,21 @@ def qar50() -> AntennaArray:
 def load_positions(path: str | Path) -> np.ndarray:
     """Read antenna positions [n, 3] in metres from a CSV file with the header x_m,y_m,z_m. Raises
     HandbenchError for any other content."""
-    columns = ["x_m", "y_m", "z_m"]
-    rows = [row for _, row in read_csv(path, columns)]
-    if not rows or rows[0] != columns:
+    what = "the line x_m,y_m,z_m and lines of three numbers separated by commas"
+    table = read_parsed(path, what, "CSV", _table, CSV_BYTES)
+    if len(table) > MOST_ANTENNAS:
         raise HandbenchError(
-            f"{path}: the first line is {str(rows[:1])[:80]}; expected x_m,y_m,z_m, and below it "
-            "lines of three numbers separated by commas, with decimal points"
+            f"{path}: has {len(table)} antennas, more than the limit of {MOST_ANTENNAS}; remove "
+            "some"
         )
-    if wrong := [row for row in rows if len(row) != 3]:
-        raise HandbenchError(
-            f"{path}: the line {','.join(wrong[0])[:80]} has {len(wrong[0])} values; expected x, "
-            "y and z, separated by commas and with decimal points"
-        )
-    if len(rows) > MOST_ANTENNAS + 1:
-        raise HandbenchError(
-            f"{path}: has {len(rows) - 1} antennas, more than the limit of {MOST_ANTENNAS}; "
-            "remove some"
-        )
-    try:
-        return positions(str(path), np.array(rows[1:], dtype=np.float64))
-    except ValueError as error:
-        raise HandbenchError(
-            f"{path}: a value is not a number ({error}); write x, y and z in metres with decimal "
-            "points"
-        ) from None
+    return positions(str(path), table)
+
+
+def _table(text: str) -> np.ndarray:
+    header, *lines = text.strip().split("\n")
+    if re.sub(r'[\s"]', "", header) != "x_m,y_m,z_m" or not lines:
+        raise ValueError(f"the first line is {header[:80]!r}")
+    return np.loadtxt(lines, delimiter=",", quotechar='"', ndmin=2)
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:

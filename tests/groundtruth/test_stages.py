@@ -66,7 +66,7 @@ def test_the_sparse_stage_comes_back(tmp_path, free):
         np.testing.assert_array_equal(after.known.places[name], columns)
     (tmp_path / "scale.json").unlink()
     with pytest.raises(
-        HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found nothing"
+        HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found no such file"
     ):
         Sparse.load(tmp_path)
 

@@ -88,7 +88,7 @@ def test_what_opens_a_folder(data_set, tmp_path):
     for place, words in (
         (f"{native.folder}@emptyfiltered", "only captures of MAROON have frames @emptyfiltered"),
         (tmp_path, r"is not a capture; expected capture\.toml \(handbench\), mapping\.toml"),
-        (tmp_path / "nowhere", "expected a folder with a capture, found nothing"),
+        (tmp_path / "nowhere", "expected a folder with a capture, found none"),
         (tmp_path / "scan", "run `handbench import touchstone`"),
     ):
         with pytest.raises(HandbenchError, match=words):

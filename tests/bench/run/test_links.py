@@ -50,10 +50,7 @@ def test_a_stage_s_folder_that_became_a_link_is_refused(tmp_path, home, unharmed
     (tmp_path / "linked").symlink_to(home)
     with pytest.raises(HandbenchError, match="linked: is a link"):
         cached(tmp_path / "linked", one)
-    with (
-        pytest.raises(HandbenchError, match="a link has the folder's name"),
-        atomic_folder(tmp_path / "linked"),
-    ):
+    with pytest.raises(HandbenchError, match="Not a directory"), atomic_folder(tmp_path / "linked"):
         pass
     assert (tmp_path / "linked").is_symlink()
 
@@ -63,12 +60,9 @@ def test_what_belongs_to_somebody_else_is_left_alone(tmp_path, monkeypatch):
         pass
     (tmp_path / "out" / "table.csv").write_text("theirs")
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 4711)
-    with (
-        pytest.raises(HandbenchError, match=r"of another user \(user ID \d+\)"),
-        locked(tmp_path / "out"),
-    ):
+    with pytest.raises(HandbenchError, match="belongs to another user"), locked(tmp_path / "out"):
         pass
-    with pytest.raises(HandbenchError, match=r"table\.csv: is a file or folder of another user"):
+    with pytest.raises(HandbenchError, match=r"table\.csv: .*belongs to another user"):
         drop(tmp_path / "out", ["table.csv"])
     assert (tmp_path / "out" / "table.csv").read_text() == "theirs"
 
@@ -81,7 +75,6 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
     bench, base = load_benchmark(str(small_bench))
     os.mkfifo(tmp_path / "pipe")
     targets = {"folder": home, "file": home / "secret", "nothing": home / "new"}
-    what = "neither a file nor a folder" if to == "pipe" else "a link"
     for number, name in enumerate(NAMES):
         out = tmp_path / f"out{number}"
         (out / name).parent.mkdir(parents=True)
@@ -91,9 +84,7 @@ def test_a_link_in_a_run_s_folder_is_refused_and_not_followed(
             os.mkfifo(out / name)
         else:
             (out / name).symlink_to(targets.get(to, tmp_path / "pipe"))
-        words = (
-            f"{(out / name).name}: is {what}, so handbench did not write it and does not change it"
-        )
+        words = f"{(out / name).name}: is a link or a device"
         with pytest.raises(HandbenchError, match=words):
             run(bench, base, out, overwrite=True)
         assert os.path.lexists(out / name)
@@ -140,5 +131,5 @@ def test_a_capture_s_hash_takes_regular_files_alone(tmp_path, home, unharmed):
         (capture / "round").unlink()
     os.mkfifo(capture / "pipe")
     for asked in (capture, Path("/dev/zero")):
-        with pytest.raises(HandbenchError, match="is not a regular file"):
+        with pytest.raises(HandbenchError, match="expected a regular file"):
             content_hash(asked)
