@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, Source, require_clear
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import CaptureFile
-from handbench.bench.results.about import MEASURES, Failure, Measure
+from handbench.bench.results.about import MEASURES, Measure
 from handbench.bench.run.engine import Engine
 from handbench.bench.scenes.build import named_files
 from handbench.bench.scenes.scene_file import SceneFile
@@ -19,8 +17,6 @@ from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
 from handbench.support.store import Input, Stage
-
-Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -49,65 +45,63 @@ class RunCapture:
         return Input(str(self.folder), self.key)
 
 
+# a capture, or the stage that simulates it; and what is measured on it
+Opened = tuple[RunCapture | Stage, tuple[Measure, ...]]
+
+
 def open_captures(engine: Engine, bench: BenchFile, base: Path) -> list[RunCapture]:
     """Open the capture folders and simulate the scenes of a benchmark.
     base: folder to which the benchmark's paths are relative. A capture that fails is recorded and
     left out. Raises HandbenchError if two captures have the same name."""
-    opened = _opened(engine, bench, base, bench.capture)
-    captures = [capture for capture in opened if isinstance(capture, RunCapture)]
-    names = [require_clear(capture.name, "capture") for capture in captures]
+    opened: list[Opened] = []
+    for source in bench.capture:
+        with engine.attempt(source.scene or source.path or "", "open"):
+            opened.append(_open(bench, base, source))
+    names = [require_clear(name, "capture") for name in map(_name, opened)]
     if twice := [name for name in names if names.count(name) > 1]:
         raise HandbenchError(
             f"capture: two captures are named '{twice[0]}'; give each its own name"
         )
-    return captures
+    return _simulated(engine, opened)
 
 
 def open_targets(engine: Engine, bench: BenchFile, base: Path) -> list[RunCapture]:
     """Open or simulate the captures of the benchmark's calibration target. Raises HandbenchError if
-    one fails."""
-    return [required(target) for target in _opened(engine, bench, base, bench.calibration)]
+    one fails, because without the calibration no capture has a reference."""
+    opened = [_open(bench, base, origin) for origin in bench.calibration]
+    return _simulated(engine, opened, essential=True)
 
 
-def required(outcome: Made | Failure) -> Made:
-    """Return the outcome of a step of the calibration. Raises HandbenchError if the step failed,
-    because without the calibration no capture has a reference."""
-    if isinstance(outcome, Failure):
-        raise HandbenchError(f"calibration: {outcome.message}")
-    return outcome
-
-
-def _opened(
-    engine: Engine, bench: BenchFile, base: Path, origins: Sequence[Origin]
-) -> list[RunCapture | Failure]:
-    """Open or simulate captures, in their order; a failure in place of one that fails."""
-    opened = [
-        engine.attempt(
-            partial(_open, bench, base, origin), origin.scene or origin.path or "", "open"
-        )
-        for origin in origins
-    ]
-    scenes = [one for one in opened if isinstance(one, Stage)]
-    simulated = dict(zip(scenes, engine.perform(scenes), strict=True))
-    captures: list[RunCapture | Failure] = []
-    for origin, one in zip(origins, opened, strict=True):
-        outcome = simulated[one] if isinstance(one, Stage) else one
-        if isinstance(one, Stage) and isinstance(outcome, Path):
-            about = open_capture(outcome / CAPTURE).about
-            outcome = RunCapture(outcome / CAPTURE, one.key, about, _measures(origin))
-        assert not isinstance(outcome, Path)
-        captures.append(outcome)
+def _simulated(
+    engine: Engine, opened: Sequence[Opened], essential: bool = False
+) -> list[RunCapture]:
+    """Simulate the captures that are scenes, and return all that can be used, in their order."""
+    scenes = [one for one, _ in opened if isinstance(one, Stage)]
+    folders = engine.perform(scenes, scenes if essential else ())
+    captures = []
+    for one, measures in opened:
+        if isinstance(one, RunCapture):
+            captures.append(one)
+        elif one in folders:
+            folder = folders[one] / CAPTURE
+            about = open_capture(folder).about
+            captures.append(RunCapture(folder, one.key, about, measures))
     return captures
 
 
-def _open(bench: BenchFile, base: Path, origin: Origin) -> RunCapture | Stage:
+def _name(opened: Opened) -> str:
+    one, _ = opened
+    return one.name if isinstance(one, RunCapture) else one.capture
+
+
+def _open(bench: BenchFile, base: Path, origin: Origin) -> Opened:
     """Open a capture folder, or return the stage that simulates a scene.
     base: folder to which the benchmark's paths are relative."""
-    frames = bench.frames_of(origin)
+    frames, measures = bench.frames_of(origin), _measures(origin)
     if origin.path is not None:
         folder = inside(base, origin.path, "capture.path")
         data = open_capture(folder)
-        return RunCapture(folder, data.key(frames), data.about, _measures(origin))
+        return RunCapture(folder, data.key(frames), data.about, measures), measures
     scene, file = scene_of(bench, base, origin)
     named = [content_hash(path) for path in named_files(scene, file.parent)]
     arguments = {
@@ -115,7 +109,7 @@ def _open(bench: BenchFile, base: Path, origin: Origin) -> RunCapture | Stage:
         "base": Input(str(file.parent), named),
         "frames": frames,
     }
-    return Stage(simulate, arguments, scene.name, shares=scene.photos is not None)
+    return Stage(simulate, arguments, scene.name, shares=scene.photos is not None), measures
 
 
 def _measures(origin: Origin) -> tuple[Measure, ...]:

@@ -1,11 +1,12 @@
 """The engine of a run: it carries out stages, and records what they cost and which failed."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from handbench.bench.results.about import Failure
 from handbench.bench.run.executors import started
@@ -14,7 +15,6 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import Work, say
 from handbench.support.store import Stage, Stamp, cached
 
-Made = TypeVar("Made")
 Done = tuple[Stamp, bool]  # what a stage cost, and whether an earlier run had finished it
 
 
@@ -35,12 +35,15 @@ class Engine:
     machines: dict[str, dict[str, Any]] = field(default_factory=dict)
     rounds: int = 0
 
-    def perform(self, stages: Sequence[Stage]) -> list[Path | Failure]:
-        """Carry out a round of stages that do not depend on each other. Returns their folders in
-        the same order; a failure, which is recorded too, in place of one that failed for a reason
-        that the user can mend. Any other error ends the run."""
+    def perform(
+        self, stages: Sequence[Stage], essential: Sequence[Stage] = ()
+    ) -> dict[Stage, Path]:
+        """Carry out a round of stages that do not depend on each other. Returns the folders of
+        those that are finished, in the order of `stages`.
+        One that fails for a reason that the user can mend is recorded; if it is `essential`,
+        HandbenchError is raised. Any other error ends the run."""
         self.rounds += 1
-        done: dict[Stage, Done | Failure] = {}
+        done: dict[Stage, Done | HandbenchError] = {}
         running = started(self.executor, self.work, stages)
         for stage in running.values():
             self.progress.begin(stage.label)
@@ -51,31 +54,32 @@ class Engine:
                 self.progress.begin(stage.label)
                 done[stage] = self._ended(stage, partial(cached, self.work, stage))
         self.progress.reach(sum(self.plan[: self.rounds]))
-        return [self._record(stage, done[stage]) for stage in stages]
+        folders = {}
+        for stage in stages:
+            outcome = done[stage]
+            if not isinstance(outcome, HandbenchError):
+                folders[stage] = self._record(stage, *outcome)
+            elif stage in essential:
+                raise HandbenchError(f"{stage.label}: {outcome}")
+            else:
+                self._fail(outcome, stage.capture, stage.name, stage.method)
+        return folders
 
-    def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | Failure:
-        """Return the result of a stage or its failure, and print how it ended."""
+    def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | HandbenchError:
+        """Return the result of a stage, or the error that the user can mend."""
         try:
             stamp, finished = result()
         except HandbenchError as error:
-            failure = Failure(
-                capture=stage.capture, method=stage.method, stage=stage.name, message=str(error)
-            )
-            say(failure.line)
-            return failure
+            return error
         finally:
             self.progress.end(stage.label)
         say(f"{stage.label}: " + ("cached" if finished else f"{stamp.seconds:.1f} s"))
         return stamp, finished
 
-    def _record(self, stage: Stage, done: Done | Failure) -> Path | Failure:
-        """Record the cost of a stage, or its failure; return its folder, or the failure."""
-        if isinstance(done, Failure):
-            self.failures.append(done)
-            return done
-        (stamp, finished), folder = done, stage.folder(self.work)
+    def _record(self, stage: Stage, stamp: Stamp, finished: bool) -> Path:
+        """Record what a stage cost, and return its folder."""
+        folder, host = stage.folder(self.work), stamp.machine.get("host", "")
         times = read_times(folder)
-        host = stamp.machine.get("host", "")
         self.machines.setdefault(host, stamp.machine)
         self.tasks.append(
             {
@@ -96,17 +100,17 @@ class Engine:
         )
         return folder
 
-    def attempt(
-        self, function: Callable[[], Made], capture: str, stage: str, method: str = ""
-    ) -> Made | Failure:
-        """Call a function of the run itself. Returns what it returns; if it raises a
-        HandbenchError, the failure, which is printed and recorded.
-        capture, stage, method: what is recorded with it; method is "" if the capture fails for all
-        methods."""
+    def _fail(self, error: HandbenchError, capture: str, stage: str, method: str = "") -> None:
+        """Print and record a failure; method is "" if the capture fails for all methods."""
+        failure = Failure(capture=capture, method=method, stage=stage, message=str(error))
+        say(failure.line)
+        self.failures.append(failure)
+
+    @contextmanager
+    def attempt(self, capture: str, stage: str, method: str = "") -> Iterator[None]:
+        """Context manager that records a HandbenchError of its block as a failure, so that the run
+        goes on."""
         try:
-            return function()
+            yield
         except HandbenchError as error:
-            failure = Failure(capture=capture, method=method, stage=stage, message=str(error))
-            say(failure.line)
-            self.failures.append(failure)
-            return failure
+            self._fail(error, capture, stage, method)

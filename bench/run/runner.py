@@ -8,7 +8,6 @@ goes on without it.
 
 import random
 from collections.abc import Sequence
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,9 +19,9 @@ from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
 from handbench.bench.pipeline.image import configured
-from handbench.bench.results.about import REFERENCES, Failure
+from handbench.bench.results.about import REFERENCES
 from handbench.bench.results.result_folder import Result, load
-from handbench.bench.run.captures import RunCapture, open_captures, open_targets, required
+from handbench.bench.run.captures import RunCapture, open_captures, open_targets
 from handbench.bench.run.engine import Engine
 from handbench.bench.run.executors import executor
 from handbench.bench.run.write_result import Imaged, RunOutcome, write
@@ -129,11 +128,9 @@ def inspect(engine: Engine, captures: Sequence[RunCapture]) -> dict[str, list[st
     """Check all captures for likely mistakes, which are printed. Returns the warnings: capture →
     texts."""
     stages = [Stage(inspect_capture, {"capture": c.input}, c.name) for c in captures]
-    folders = zip(captures, engine.perform(stages), strict=True)
     warnings = {
-        capture.name: read_json(folder / INSPECTION, "doubts")["doubts"]
-        for capture, folder in folders
-        if isinstance(folder, Path)
+        stage.capture: read_json(folder / INSPECTION, "doubts")["doubts"]
+        for stage, folder in engine.perform(stages).items()
     }
     return {name: texts for name, texts in warnings.items() if texts}
 
@@ -145,25 +142,24 @@ def reconstruct_photographs(
     each capture; and register camera and radar by the clouds of the calibration target.
     Returns capture → the stage that made its mesh, and the transform from the photo frame to the
     radar frame, None without a calibration. Raises HandbenchError if the calibration fails."""
-    chains = [photo_stages(engine, t, TARGET_QUALITY, bench.seed) for t in targets]
-    for capture in (c for c in captures if c.accurate and needs_mesh(c, bench)):
-        plan = partial(photo_stages, engine, capture, bench.groundtruth.quality, bench.seed)
-        stages = engine.attempt(plan, capture.name, "photographs")
-        chains += [] if isinstance(stages, Failure) else [stages]
+    of_targets = [photo_stages(engine, t, TARGET_QUALITY, bench.seed) for t in targets]
+    chains, quality = list(of_targets), bench.groundtruth.quality
+    for capture in captures:
+        with engine.attempt(capture.name, "photographs"):
+            if capture.accurate and needs_mesh(capture, bench):
+                chains.append(photo_stages(engine, capture, quality, bench.seed))
     for number in range(2):  # sparse, dense
-        folders = engine.perform([stages[number] for stages in chains])
-        for folder in folders[: len(targets)]:
-            required(folder)
-        chains = [c for c, folder in zip(chains, folders, strict=True) if isinstance(folder, Path)]
-    clouds = [dense.output(engine.work, CLOUD) for _, dense, _ in chains[: len(targets)]]
+        essential = [chain[number] for chain in of_targets]
+        folders = engine.perform([chain[number] for chain in chains], essential)
+        chains = [chain for chain in chains if chain[number] in folders]
+    clouds = [dense.output(engine.work, CLOUD) for _, dense, _ in of_targets]
     arguments = {"captures": [target.input for target in targets], "clouds": clouds}
     calibration = [Stage(calibrate, arguments, targets[0].name, shares=True)] if targets else []
     meshes = [mesh for _, _, mesh in chains[len(targets) :]]
-    stages_ = [*calibration, *meshes]
-    made = dict(zip(stages_, engine.perform(stages_), strict=True))
-    registration = [load_transform(required(made[one]) / REGISTRATION) for one in calibration]
-    finished = {one.capture: one for one in meshes if isinstance(made[one], Path)}
-    return finished, registration[0] if registration else None
+    folders = engine.perform([*calibration, *meshes], calibration)
+    registrations = [load_transform(folders[one] / REGISTRATION) for one in calibration]
+    finished = {mesh.capture: mesh for mesh in meshes if mesh in folders}
+    return finished, registrations[0] if registrations else None
 
 
 def photo_stages(engine: Engine, capture: RunCapture, quality: Quality, seed: int) -> PhotoStages:
@@ -195,7 +191,7 @@ def measure_groundtruth(
             arguments = {"capture": capture.input, **setting, "seed": bench.seed}
             name = quality_name(views, long_px, quality)
             stages.append(Stage(measure_quality, arguments, capture.name, name))
-    return _finished(stages, engine.perform(stages))
+    return list(engine.perform(stages).items())
 
 
 def registration_facts(registration: Transform, target: RunCapture) -> dict[str, Any]:
@@ -221,18 +217,12 @@ def image(
         stages: list[Stage] = []
         for capture, entry in product(captures, bench.method):
             if (capture.name, entry.label) not in failed:
-                plan = partial(imaging_stages, bench, base, capture, entry, number)
-                planned = engine.attempt(plan, capture.name, "reconstruct", entry.label)
-                stages += [] if isinstance(planned, Failure) else planned
+                with engine.attempt(capture.name, "reconstruct", entry.label):
+                    stages += imaging_stages(bench, base, capture, entry, number)
         if bench.rounds > 1:
             random.Random(f"{bench.seed} {number}").shuffle(stages)
-        images += _finished(stages, engine.perform(stages))
+        images += engine.perform(stages).items()
     return images
-
-
-def _finished(stages: Sequence[Stage], folders: Sequence[Path | Failure]) -> list[Imaged]:
-    made = zip(stages, folders, strict=True)
-    return [(stage, folder) for stage, folder in made if isinstance(folder, Path)]
 
 
 def imaging_stages(
@@ -278,9 +268,8 @@ def find_references(
     for capture in (c for c in captures if c.accurate and c.name not in failed):
         mesh = meshes.get(capture.name)
         made = None if mesh is None else mesh.output(engine.work, MESH)
-        find = partial(references, capture, registration, made)
-        found = engine.attempt(find, capture.name, "references")
-        surfaces |= {} if isinstance(found, Failure) else {capture.name: found}
+        with engine.attempt(capture.name, "references"):
+            surfaces[capture.name] = references(capture, registration, made)
     return surfaces
 
 
@@ -345,5 +334,4 @@ def score(
             "protocol": bench.protocol,
         }
         stages.append(Stage(score_capture, arguments, capture.name))
-    folders = zip(stages, engine.perform(stages), strict=True)
-    return {stage.capture: folder for stage, folder in folders if isinstance(folder, Path)}
+    return {stage.capture: folder for stage, folder in engine.perform(stages).items()}

@@ -46,15 +46,18 @@ def executor(request) -> Iterator[Executor | None]:
 
 def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(executor, tmp_path):
     engine, stages = engine_of(tmp_path / "work", executor), stages_of("a", "bad", "b", "bad", "c")
-    ended = engine.perform(stages)
-    assert [ended[n] for n in (0, 2, 4)] == [stages[n].folder(engine.work) for n in (0, 2, 4)]
-    assert [ended[n] for n in (1, 3)] == engine.failures
+    made = {stages[n]: stages[n].folder(engine.work) for n in (0, 2, 4)}
+    assert list(engine.perform(stages).items()) == list(made.items())
     assert [(f.capture, f.stage, f.message) for f in engine.failures] == [
         ("bad", "mesh", "mend me")
     ] * 2
     assert [task["cached"] for task in engine.tasks] == [False] * 3
-    assert engine.perform([]) == [] and engine.perform(stages_of("a")) == ended[:1]
+    assert engine.perform([]) == {}
+    assert [*engine.perform(stages_of("a")).values()] == [stages[0].folder(engine.work)]
     assert engine.tasks[-1]["cached"] and engine.progress.done == 6
+    bad = stages_of("bad")
+    with pytest.raises(HandbenchError, match=r"mesh-bad.*: mend me"):
+        engine.perform(bad, essential=bad)
     with pytest.raises(ZeroDivisionError, match="a bug") as caught:
         engine.perform(stages_of("d", "bug", "e"))
     if isinstance(executor, ProcessExecutor):
@@ -64,7 +67,7 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
 def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
     cores, engine = os.sched_getaffinity(0), engine_of(tmp_path / "work", beside)
     images, meshes = stages_of("f", "u", shares=False), stages_of(*"abcd")
-    folders = engine.perform([images[0], *meshes, images[1]])
+    folders = engine.perform([images[0], *meshes, images[1]]).values()
     first, *of_meshes, last = [read_json(folder / SPAN, "a span") for folder in folders]
     assert len({pid for _, _, pid, _ in of_meshes}) == COUNT, "a process for each core"
     assert {threads for *_, threads in of_meshes} == {max(workers() // COUNT, 1)}, "its share"
@@ -77,7 +80,7 @@ def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
 
 
 def test_one_stage_or_too_little_memory_starts_no_process(beside, tmp_path, monkeypatch):
-    [folder] = engine_of(tmp_path / "work", beside).perform(stages_of("a"))
+    [folder] = engine_of(tmp_path / "work", beside).perform(stages_of("a")).values()
     assert read_json(folder / "pid.json", "an id") == os.getpid()
     monkeypatch.setattr(executors, "STAGE_BYTES", 1e18)
     with executors.executor() as none:
