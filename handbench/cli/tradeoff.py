@@ -13,8 +13,8 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
 def run(options: argparse.Namespace) -> str:
-    """Run the settings of a benchmark, print the front (those that no other beats), and write its
-    picture and the report.
+    """Run the settings of a benchmark, print the front (those that no other beats) and the front of
+    each method, and write its picture and the report.
     --max-mae and --max-time ask for one setting within these limits. If there is none,
     HandbenchError is raised after everything is written."""
     from handbench.bench.benchmarks.benchmark_file import load_tradeoff

@@ -47,5 +47,5 @@ def settings_grid(metric: str, settings: pd.DataFrame, titles: Mapping[str, str]
     )
     error = f"{METRICS[metric].title} ({METRICS[metric].unit})"
     headings = ("setting", "number, or beaten by", error, "observed (%)", "time (s)", "÷ best")
-    caption = f"{len(best)} settings on the front, {len(lines) - len(best)} beaten"
+    caption = f"{METRICS[metric].title} against time: {len(best)} settings that no other beats"
     return Grid(caption, headings, rows, texts=2)
