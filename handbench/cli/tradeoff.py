@@ -39,12 +39,12 @@ def run(options: argparse.Namespace) -> str:
     for picture in pictures(result):
         save(picture.figure, options.out / f"{picture.stem}.png")
     print(f"report: {build(options.out, options.out / 'report')}")
-    if math.isinf(max_error_mm) and math.isinf(max_seconds):
-        return f"results: {options.out}"
-    if HEADLINE not in ranked_methods(result):
-        raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
-    name = chosen(ranked_methods(result)[HEADLINE], max_error_mm, max_seconds)
-    return f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN"
+    if max_error_mm < math.inf or max_seconds < math.inf:
+        if HEADLINE not in ranked_methods(result):
+            raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
+        name = chosen(ranked_methods(result)[HEADLINE], max_error_mm, max_seconds)
+        print(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
+    return f"{options.out}: {len(bench.capture)} captures × {len(bench.method)} settings"
 
 
 def quantity(text: str | None, units: dict[str, float], option: str) -> float:
