@@ -6,13 +6,14 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -41,24 +42,14 @@ class ProcessExecutor(ProcessPoolExecutor):
     def __init__(self, count: int) -> None:
         context, cores = get_context("spawn"), sorted(os.sched_getaffinity(0))[: workers()]
         shares = [cores[n::count] for n in range(count)]
-        # measured while nothing else runs
-        begin = (shares, context.Value("i", 0), os.getpid(), cost.calibrated_machine())
-        super().__init__(count, context, _begin, begin)
+        begin = (shares, context.Value("i", 0), os.getpid())
+        super().__init__(count, context, begin_process, begin)
+        self._machine = cost.calibrated_machine()  # measured while nothing else runs
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue a call of the function in the next idle process, and return its future."""
         with script_left_out():
-            return super().submit(function, *args, **kwargs)
-
-
-def _begin(shares: list[list[int]], begun: Any, parent: int, machine: dict[str, Any]) -> None:
-    """Set up a process of a `ProcessExecutor`.
-    shares: the cores of each process; begun: shared counter of the processes that have begun;
-    parent: id of the process that they help; machine: facts that it has measured."""
-    with begun.get_lock():
-        begun.value, number = begun.value + 1, begun.value
-    cost.CALIBRATED |= machine
-    begin_process(shares[number], parent)
+            return super().submit(function, *args, machine=self._machine, **kwargs)
 
 
 class DaskExecutor(Executor):
@@ -91,10 +82,13 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_exception(error)
 
 
-def elsewhere(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+def elsewhere(
+    root: Path, stage: Stage, machine: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[Stamp, bool]:
     """Carry out a stage in a worker process, as `cached` does.
-    root: folder of all stages. Raises HandbenchError if the worker does not see this folder, or has
-    other versions of handbench or of its libraries."""
+    root: folder of all stages. machine: facts of this machine, if they are measured. Raises
+    HandbenchError if the worker does not see this folder, or has other versions of handbench or of
+    its libraries."""
     if not root.is_dir():
         raise HandbenchError(
             f"{root}: this machine does not have the result folder; put it on a disk that all "
@@ -105,6 +99,7 @@ def elsewhere(root: Path, stage: Stage) -> tuple[Stamp, bool]:
             f"{stage.label}: this worker has another version of handbench or of a library than "
             "the client; install the same versions on both"
         )
+    cost.CALIBRATED.update(machine)
     with _ALONE:
         return cached(root, stage)
 

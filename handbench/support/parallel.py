@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from threading import Event, RLock, local
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
@@ -94,10 +94,14 @@ def script_left_out() -> Iterator[None]:
             vars(script).update(hidden)
 
 
-def begin_process(cores: list[int], parent: int) -> None:
+def begin_process(shares: list[list[int]], begun: Any, parent: int) -> None:
     """Set up this process as a helper of the process with the id `parent`.
-    It uses only the given cores, leaves Ctrl-C to its parent, and is killed when its parent ends;
-    otherwise it could write into the folders of the next run."""
+    It uses only its share of the cores, leaves Ctrl-C to its parent, and is killed when its parent
+    ends; otherwise it could write into the folders of the next run. shares: the cores of each
+    helper; begun: shared counter of the helpers that have begun."""
+    with begun.get_lock():
+        cores = shares[begun.value]
+        begun.value += 1
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if os.getppid() != parent:
