@@ -20,10 +20,10 @@ from typing import Any
 import matplotlib
 from matplotlib.figure import Figure
 
-from handbench.bench.evaluation.metrics import chosen
+from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.tables import each
-from handbench.bench.results import HEADLINE, Result, load
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save
 from handbench.reports.tables.blocks import NONE, decimals, interval, is_known, number, paper

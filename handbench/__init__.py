@@ -19,7 +19,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from handbench.bench.results import Result
+    from handbench.bench.results.result_folder import Result
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
     from handbench.interface import (
@@ -66,7 +66,7 @@ DEFINED_IN = {  # the modules of the names that handbench/interface.py does not 
     "DepthMap": "handbench.radar.data.depthmap",
     "HandbenchError": "handbench.support.errors",
     "RadarCapture": "handbench.radar.data.capture",
-    "Result": "handbench.bench.results",
+    "Result": "handbench.bench.results.result_folder",
     "Surface": "handbench.groundtruth.mesh.surface",
     "Transform": "handbench.calibration.transforms",
 }

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
-    from handbench.bench.results import Result
+    from handbench.bench.results.result_folder import Result
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
     from handbench.radar.data.arrays import AntennaArray
@@ -54,7 +54,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
 
         return read_surface(path)
     if (path / "result.json").is_file():
-        from handbench.bench.results import load as load_result
+        from handbench.bench.results.result_folder import load as load_result
 
         return RunResult(load_result(path))
     return Capture(path)
@@ -279,7 +279,7 @@ class Depth(Plottable):
         self.map.save(file)
 
     def _figure(self) -> Figure:
-        from handbench.bench.results import SurfaceMap
+        from handbench.bench.results.maps import SurfaceMap
         from handbench.reports.figures.layers import depth_layers, layers_figure
 
         surface = SurfaceMap(self.x_m, self.y_m, self.z_m)
@@ -439,8 +439,8 @@ def compare(a: File | RunResult, b: File | RunResult) -> pd.DataFrame:
         HandbenchError: the results have different scoring protocols, or no method or no reference
             in common.
     """
-    from handbench.bench.results import load as load_result
     from handbench.bench.results.compare_results import compare_results
+    from handbench.bench.results.result_folder import load as load_result
 
     ours, theirs = (of.result if isinstance(of, RunResult) else load_result(of) for of in (a, b))
     return compare_results(ours, theirs).differences
@@ -603,7 +603,7 @@ def run(bench: File, folder: File, overwrite: bool = False) -> RunResult:
         The result, whose tables `.table`, `.tasks`, `.comparisons`, … are pandas DataFrames.
     """
     from handbench.bench.benchmarks.benchmark_file import load_benchmark
-    from handbench.bench.results import load as load_result
+    from handbench.bench.results.result_folder import load as load_result
     from handbench.bench.run import runner
 
     runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from docs import readme
-from handbench.bench import results
+from handbench.bench.results.result_folder import load
 from tests.reports.synthetic_result import write_synthetic
 
 
 def test_written_tables_agree_with_their_result_and_differ_from_another(tmp_path):
     """1.2 µm of 1.20 mm are not printed, and times are the machine's."""
-    found = results.load(write_synthetic(tmp_path / "result", equal=True))
+    found = load(write_synthetic(tmp_path / "result", equal=True))
     machine = {"cores": 2, "processor": "AMD EPYC", "imaging_device": "cpu"}
     about = found.about.model_copy(update={"machine": machine})
     result = replace(found, about=about)

@@ -1,18 +1,14 @@
 """Tables as pandas DataFrames, with declared columns, and their reading and writing as CSV.
 
-The columns are declared in tables.toml. An unknown figure is NaN in a DataFrame and an empty cell
-in a file. Text is never missing, but may be empty.
+An unknown figure is NaN in a DataFrame and an empty cell in a file. Text is never missing, but may
+be empty. Columns of type bool are 1 or 0 in a file.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-import math
-import sys
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,58 +22,97 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.95  # of every confidence interval
-KINDS: dict[str, type] = {"text": str, "real": float, "whole": int, "flag": bool}
 ByMethod = dict[str, "pd.DataFrame"]
+Schema = dict[str, type]  # column → type of its values, in the order of the file
 DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
-EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1", str: "text"}
+EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1"}
 
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a table: its name, type of values (kind) and meaning.
-    unit: that of its numbers, if the same in every line. counts: numbers are written as whole ones
-    in lines whose column `unit` has this value.
-    """
-
-    name: str
-    kind: type
-    meaning: str
-    unit: str = ""
-    counts: str = ""
-
-
-@dataclass(frozen=True)
-class Schema:
-    """The declared columns of one table, in order."""
-
-    columns: tuple[Column, ...]
-
-    @property
-    def names(self) -> list[str]:
-        """The names of the columns, in order."""
-        return [column.name for column in self.columns]
-
-
-def _declared() -> dict[str, Schema]:
-    """Read the columns of all tables from tables.toml: table → Schema."""
-    known = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
-    return {
-        table: Schema(tuple(_column(*entry) for entry in columns.items()))
-        for table, columns in known.items()
-    }
-
-
-def _column(name: str, facts: dict[str, Any]) -> Column:
-    kind, meaning = next((kind, facts.pop(word)) for word, kind in KINDS.items() if word in facts)
-    return Column(name, kind, meaning, **facts)
-
-
-SCHEMAS = _declared()
-TABLE, TASKS, SCORES, REPEATS = (SCHEMAS[name] for name in ("table", "tasks", "scores", "repeats"))
-COMPARISONS = SCHEMAS["comparisons"]
-EQUAL, MOTION = SCHEMAS["equal"], SCHEMAS["motion"]
-DIFFERENCES, CHANGES = SCHEMAS["differences"], SCHEMAS["changes"]
-RELIABILITY = SCHEMAS["reliability"]
+TABLE: Schema = {  # table.csv: one figure a line
+    "metric": str,  # id of the metric
+    "method": str,  # id of the method
+    "value": float,  # the figure, in `unit`
+    "low": float,  # lower end of its 95 % interval
+    "high": float,  # upper end
+    "unit": str,  # the metric's unit
+    "paper": float,  # the paper's figure
+    "reference": str,  # what it was scored against: photogrammetry, completed or truth
+}
+TASKS: Schema = {  # tasks.csv: one stage of one capture a line
+    "task": str,  # name of the task
+    "capture": str,  # the capture
+    "method": str,  # id of the method; empty for a stage of no method
+    "stage": str,  # the stage
+    "seconds": float,  # wall-clock time
+    "cpu_seconds": float,  # time of all cores
+    "peak_memory_mb": float,  # largest memory
+    "cached": bool,  # the time is an earlier run's
+    "plan_seconds": float,  # what the first image of a geometry took longer, with its certificate
+    "host": str,  # the machine that did it
+    "gemm_gflops": float,  # that machine's rate of float32 matrix products
+    "others_cores": float,  # cores that other work took while its frames were timed
+    "image_error": float,  # relative error of frame 0's images, at most, by their certificate
+}
+SCORES: Schema = {  # scores.csv: one figure of one method on one capture a line
+    "capture": str,  # the capture
+    "method": str,  # id of the method
+    "reference": str,  # what was scored against; empty for seconds and for the precision
+    # none: unsmoothed, window: the same averaging for all, both on the pixels that all methods see;
+    # empty: each method as it is
+    "treatment": str,
+    # the frame, from 0; of strongest_z_m the repeat, of seconds the number of the image
+    "frame": int,
+    # id of the metric; strongest_z_m: depth of the strongest scatterer in m; or of a moving scene
+    # speed_mm_s: mean |radial velocity| of its surface, step_time_s: time from one tone to the
+    # next, start_s: start of the frame
+    "metric": str,
+    "value": float,  # the figure, in the metric's unit
+}
+COMPARISONS: Schema = {  # one pair of methods by one metric a line
+    "metric": str,  # id of the metric
+    "better": str,  # id of the method with the better figure
+    "worse": str,  # id of the other
+    "difference": float,  # by how much `better` is better on the captures that both have, ≥ 0
+    "low": float,  # lower end of its 95 % interval
+    "high": float,  # upper end
+    "unit": str,  # the metric's unit
+    "p_corrected": float,  # p of no difference, after Holm over all pairs of the metric
+    "effect": float,  # Cohen's dz: the mean over the deviation of the captures' differences
+    "reference": str,  # what both were scored against
+    "n_captures": int,  # captures
+    "sentence": str,  # the finding in words
+    "treatment": str,  # as in SCORES
+}
+DIFFERENCES: Schema = {  # compare.csv: a figure of A and B by metric, method, reference, capture
+    "method": str,  # id of the method
+    "title": str,  # the method's title
+    "metric": str,  # id of the metric
+    "metric_title": str,  # as it is printed
+    "unit": str,  # the metric's unit
+    "reference": str,  # what both were scored against; empty for the precision and the time
+    "capture": str,  # the capture; empty: the mean over the captures, of times the median
+    "a": float,  # A's figure
+    "a_low": float,  # lower end of its 95 % interval
+    "a_high": float,  # upper end
+    "b": float,  # B's figure
+    "b_low": float,  # lower end of its 95 % interval
+    "b_high": float,  # upper end
+    "difference": float,  # B − A
+    "low": float,  # lower end of its 95 % interval
+    "high": float,  # upper end
+    "p_corrected": float,  # p of no difference, after Holm over all lines; none: not tested
+    "untested": str,  # why a mean's difference is not tested
+    "paired": bool,  # both are from the same captures
+    "n_a": int,  # captures of A
+    "n_b": int,  # captures of B
+    "better": str,  # A or B where a difference is shown at 5 % for all lines together
+    "sentence": str,  # the finding in words
+}
+CHANGES: Schema = {  # in compare.json: what two results do not share
+    "what": str,  # configuration, settings, version, machine or input
+    "key": str,  # its name
+    "a": str,  # in A; empty: not there
+    "b": str,  # in B
+}
 
 
 def frame(
@@ -88,23 +123,17 @@ def frame(
     None: unknown."""
     import pandas as pd
 
-    return conform(pd.DataFrame(list(rows), columns=schema.names), schema)
+    return conform(pd.DataFrame(list(rows), columns=list(schema)), schema)
 
 
 def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     """Return the table with the columns and types that its schema declares.
     Raises ValueError for unknown values, except in columns of real numbers, which hold NaN."""
-    import pandas as pd
-
-    typed = {}
-    for column in schema.columns:
-        values = table[column.name]
-        if column.kind is not float and values.hasnans:
-            raise ValueError(f"the column '{column.name}' has empty cells")
-        typed[column.name] = (
-            values if values.dtype == DTYPES[column.kind] else values.astype(DTYPES[column.kind])
-        )
-    return pd.DataFrame(typed, columns=schema.names).reset_index(drop=True)
+    for name, kind in schema.items():
+        if kind is not float and table[name].hasnans:
+            raise ValueError(f"the column '{name}' has empty cells")
+    dtypes = {name: DTYPES[kind] for name, kind in schema.items()}
+    return table[list(schema)].astype(dtypes).reset_index(drop=True)
 
 
 def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
@@ -144,80 +173,67 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
     type, naming the line."""
     import pandas as pd
 
+    names = list(schema)
     try:
-        text = read_text(
-            path, f"a CSV file with the columns {', '.join(schema.names)}", RESULT_BYTES
-        )
-        if (cells := sum(map(text.count, ",\n"))) > MOST_CELLS:
-            raise ValueError(f"it has about {cells} cells, more than {MOST_CELLS}")
+        text = read_text(path, f"a CSV file with the columns {', '.join(names)}", RESULT_BYTES)
+        if (count := sum(map(text.count, ",\n"))) > MOST_CELLS:
+            raise ValueError(f"it has about {count} cells, more than {MOST_CELLS}")
         if (wide := text.partition("\n")[0].count(",")) > MOST_COLUMNS:
             raise ValueError(f"its first line has about {wide} columns, more than {MOST_COLUMNS}")
-        lines = csv.reader(io.StringIO(text))
-        header = next(lines, [])
-        if header != schema.names:
+        head, *lines = csv.reader(io.StringIO(text), strict=True) if text else [[]]
+        if head != names:
             raise ValueError(
-                f"the columns are {', '.join(header)[:200]!r}; expected {', '.join(schema.names)}"
+                f"the columns are {', '.join(head)[:200]!r}; expected {', '.join(names)}"
             )
-        rows, number = list[list[Any]](), lines.line_num + 1
-        for cells_of_line in lines:
-            rows.append(_values(schema.columns, cells_of_line, number))
-            number = lines.line_num + 1
-        return conform(pd.DataFrame(rows, columns=header), schema)
-    except (ValueError, csv.Error) as error:
+        for number, line in enumerate(lines, 2):
+            if len(line) != len(names):
+                raise ValueError(f"line {number} has {len(line)} columns; expected {len(names)}")
+        cells = pd.DataFrame(lines, columns=names, dtype="str")
+        table = pd.DataFrame({name: _typed(cells[name], kind) for name, kind in schema.items()})
+        return conform(table, schema)
+    except (ValueError, OverflowError, csv.Error) as error:
         raise HandbenchError(
             f"{path}: {' '.join(str(error).split())}; run the benchmark again"
         ) from None
 
 
+def _typed(cells: pd.Series, kind: type) -> pd.Series:
+    """Convert the text of a column's cells to its type. Raises ValueError for text of another type.
+    The index of `cells` is the number of the line less 2."""
+    import pandas as pd
+
+    if kind is str:
+        return cells
+    numbers = pd.to_numeric(cells, errors="coerce")
+    real = ~np.isfinite(numbers) & (cells != "")
+    wrong = real if kind is float else numbers.isna() | (numbers % 1 != 0)
+    if wrong.any():
+        line = wrong.idxmax()
+        raise ValueError(
+            f"in line {line + 2}, '{cells.name}' is {cells[line][:60]!r}; expected {EXPECTED[kind]}"
+        )
+    if kind is float:  # not `numbers`, which may differ in the last bit
+        return cells.where(cells != "", "nan").astype("float64")
+    return cells.astype("int64").astype(DTYPES[kind])
+
+
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table to a CSV file with a header line, atomically. Values that are not finite become
-    empty cells.
+    empty cells; numbers of pixels in TABLE are written as whole ones.
     Raises HandbenchError if the columns are not those of the schema."""
-    if list(table.columns) != schema.names:
+    if list(table.columns) != list(schema):
         raise HandbenchError(
-            f"{path}: the table has the columns {list(table.columns)}; expected {schema.names}"
+            f"{path}: the table has the columns {list(table.columns)}; expected {list(schema)}"
         )
     cells = conform(table, schema)
-    for column in schema.columns:
-        values = cells[column.name]
-        if column.kind is bool:
-            cells[column.name] = values.astype(int)
-        elif column.kind is float:
-            values = values.where(np.isfinite(values))
-            whole = (
-                values.notna() & (cells.unit == column.counts)
-                if column.counts
-                else values.isna() & False
-            )
-            cells[column.name] = values.astype(object).mask(
-                whole, values[whole].astype(int).astype(object)
-            )
+    for name, kind in schema.items():
+        if kind is bool:
+            cells[name] = cells[name].astype(int)
+        elif kind is float:
+            cells[name] = cells[name].where(np.isfinite(cells[name]))
+    if schema is TABLE:
+        whole = cells.value.notna() & (cells.unit == "pixels")
+        pixels = cells.value[whole].astype(int).astype(object)
+        cells["value"] = cells.value.astype(object).mask(whole, pixels)
     with atomic_path(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
-
-
-def _values(columns: Sequence[Column], cells: Sequence[str], number: int) -> list[Any]:
-    """Convert the text of a line's cells to the types of their columns. Raises ValueError for text
-    of another type.
-    number: number of the line in its file, for the message."""
-    if len(cells) != len(columns):
-        raise ValueError(f"line {number} has {len(cells)} columns; expected {len(columns)}")
-    values = []
-    for column, cell in zip(columns, cells, strict=True):
-        try:
-            values.append(sys.intern(cell) if column.kind is str else _value(column.kind, cell))
-        except (ValueError, OverflowError):
-            raise ValueError(
-                f"in line {number}, '{column.name}' is {cell[:60]!r}; expected "
-                f"{EXPECTED[column.kind]}"
-            ) from None
-    return values
-
-
-def _value(kind: type, cell: str) -> Any:
-    if kind is not float:
-        return kind(np.int64(int(cell)))
-    value = float(cell or "nan")
-    if cell and not math.isfinite(value):
-        raise ValueError
-    return value

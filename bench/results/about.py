@@ -10,10 +10,9 @@ from pydantic import Field, model_validator
 
 from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
 from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
-from handbench.bench.evaluation.metrics import HEADLINE as HEADLINE
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.bench.evaluation.scoring_protocols import REFERENCES as REFERENCES
-from handbench.radar.methods.registry import titles
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
+from handbench.radar.methods.registry import titles as titles
 from handbench.support.config import Config, ConfigT, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json

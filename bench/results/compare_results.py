@@ -35,8 +35,9 @@ from handbench.bench.evaluation.paired import (
     welch_test,
 )
 from handbench.bench.evaluation.repeats import precision_mm
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, by_method, conform, records, write
-from handbench.bench.results.about import REFERENCES, MethodFacts
+from handbench.bench.results.about import MethodFacts
 from handbench.bench.results.derived import compared_metrics
 from handbench.bench.results.provenance import changes
 from handbench.bench.results.result_folder import Result
@@ -352,7 +353,7 @@ def _line(
 def _corrected(found: Sequence[dict[str, Any]]) -> pd.DataFrame:
     """Make the table of differences between A and B (DIFFERENCES) from all lines. It adds p-values
     corrected for all tests (Holm), the better result, and a sentence."""
-    lines = pd.DataFrame(found, columns=[*DIFFERENCES.names, "p"]).assign(better="", sentence="")
+    lines = pd.DataFrame(found, columns=[*DIFFERENCES, "p"]).assign(better="", sentence="")
     lines["untested"] = lines.untested.fillna("")
     lines["p_corrected"] = holm_corrected(lines.p.astype(float).tolist())
     lines = conform(lines, DIFFERENCES)

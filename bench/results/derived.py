@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -13,18 +13,10 @@ from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
-from handbench.bench.evaluation.tables import (
-    COMPARISONS,
-    EQUAL,
-    RELIABILITY,
-    REPEATS,
-    ByMethod,
-    by_method,
-    conform,
-    frame,
-)
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
+from handbench.bench.evaluation.tables import COMPARISONS, ByMethod, by_method, conform, frame
 from handbench.bench.evaluation.treatments import SMOOTHING
-from handbench.bench.results.about import REFERENCES, CaptureFacts
+from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.maps import depth_path
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
@@ -38,13 +30,14 @@ MOST_SURFACE = ("completed", *(name for name in REFERENCES if name != "completed
 SPEED, STEP, START = "speed_mm_s", "step_time_s", "start_s"
 
 
-def repeats(result: Result) -> pd.DataFrame:
-    """Compute the table REPEATS: the depth of the strongest scatterer in every repeated frame."""
-    lines = result.scores[result.scores.metric == STRONGEST]
-    return conform(lines.rename(columns={"frame": "repeat", "value": "z_m"}), REPEATS)
+def repeats(scores: pd.DataFrame) -> pd.DataFrame:
+    """Return the depth of the strongest scatterer in every repeated frame: capture, method, repeat,
+    z_m."""
+    lines = scores[scores.metric == STRONGEST].rename(columns={"frame": "repeat", "value": "z_m"})
+    return lines[["capture", "method", "repeat", "z_m"]].reset_index(drop=True)
 
 
-def compared_metrics(protocol: dict[str, Any]) -> list[str]:
+def compared_metrics(protocol: Mapping[str, Any]) -> list[str]:
     """Return the metrics by which methods are compared with their own settings, not under equal
     treatment.
     protocol: the entry "protocol" of result.json."""
@@ -66,29 +59,22 @@ def equal_treatment_scores(
         name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
     )
     reference = next(having, "")
-    treated_scores = scores[(scores.reference == reference) & (scores.treatment != "")]
-    treated = (
-        treated_scores[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
-    )
-    everywhere = treated.index[treated == len(captures) * len(SMOOTHING)]
-    treated_scores = treated_scores[treated_scores.method.isin(everywhere)]
-    return reference, {t: by_method(treated_scores, reference, t) for t in SMOOTHING} if len(
-        everywhere
-    ) > 1 else {}
+    lines = scores[(scores.reference == reference) & (scores.treatment != "")]
+    counts = lines[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
+    everywhere = counts.index[counts == len(captures) * len(SMOOTHING)]
+    lines = lines[lines.method.isin(everywhere)]
+    several = SMOOTHING if len(everywhere) > 1 else ()
+    return reference, {treatment: by_method(lines, reference, treatment) for treatment in several}
 
 
 def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
     """Return the ids of the methods that observe less than 1 % of a capture's surface
     (FEWEST_PERCENT) and are therefore not compared under equal treatment."""
     reference, treated = equal_treatment_scores(scores, captures)
+    lines = scores[(scores.reference == reference) & (scores.metric == "observed_percent")]
+    few = lines.method[(lines.treatment == "") & (lines.value < FEWEST_PERCENT)]
     taking_part = {method for methods in treated.values() for method in methods}
-    return [
-        method
-        for method, figures in by_method(scores, reference).items()
-        if method not in taking_part
-        and "observed_percent" in figures
-        and figures.observed_percent.min() < FEWEST_PERCENT
-    ]
+    return [str(method) for method in few.unique() if method not in taking_part]
 
 
 def few_pixels_text(methods: Sequence[str]) -> str:
@@ -98,10 +84,9 @@ def few_pixels_text(methods: Sequence[str]) -> str:
     return f"not compared on common pixels: {', '.join(methods)} ({few})" if methods else ""
 
 
-def motion(result: Result) -> pd.DataFrame:
-    """Compute a line for every method on every capture whose true velocity is known: capture,
+def motion(scores: pd.DataFrame) -> pd.DataFrame:
+    """Arrange the figures of every method on every capture whose true velocity is known: capture,
     method, SPEED, STEP, and a column for each metric. Empty if no capture moves."""
-    scores = result.scores
     lines = scores[(scores.reference == "truth") & (scores.frame == 0) & (scores.treatment == "")]
     table = lines.pivot(index=["method", "capture"], columns="metric", values="value").reset_index()
     for name in (SPEED, STEP):
@@ -110,42 +95,52 @@ def motion(result: Result) -> pd.DataFrame:
     return table[table[SPEED].notna()] if table[SPEED].any() else table[:0]
 
 
-def equal(result: Result) -> pd.DataFrame:
-    """Compute the table EQUAL: the figures of all methods under equal treatment (same smoothing),
-    averaged over the captures."""
-    reference, treated = equal_treatment_scores(result.scores, result.scored())
-    rows = []
-    for treatment, methods in treated.items():
-        for method, figures in methods.items():
-            for metric in (metric for metric in figures if metric in METRICS):
-                low, high = METRICS[metric].interval(figures[metric].to_numpy()) or (None, None)
-                unit = METRICS[metric].unit
-                rows.append(
-                    (metric, treatment, method, figures[metric].mean(), low, high, unit, reference)
-                )
-    return frame(EQUAL, rows)
+def equal(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> pd.DataFrame:
+    """Average the figures of all methods under equal treatment (same smoothing) over the captures:
+    metric, treatment, method, value, low, high (95 % interval), unit, reference."""
+    columns = ("metric", "treatment", "method", "value", "low", "high", "unit", "reference")
+    reference, treated = equal_treatment_scores(scores, captures)
+    rows = [
+        (
+            *(metric.key, treatment, method, figures[metric.key].mean()),
+            *(metric.interval(figures[metric.key].to_numpy()) or (None, None)),
+            *(metric.unit, reference),
+        )
+        for treatment, methods in treated.items()
+        for method, figures in methods.items()
+        for metric in METRICS.values()
+        if metric.key in figures
+    ]
+    return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(("low", "high"), float))
 
 
-def comparisons(result: Result) -> pd.DataFrame:
-    """Compute the table COMPARISONS: tests between every pair of methods.
+def comparisons(
+    scores: pd.DataFrame,
+    captures: Sequence[CaptureFacts],
+    protocol: Mapping[str, Any],
+    titles: Mapping[str, str],
+) -> pd.DataFrame:
+    """Test the difference of every pair of methods: the table COMPARISONS.
     With their own settings, methods are compared by the metrics that the protocol names, against
     each reference. Under equal treatment, they are compared against the reference that covers the
-    most surface."""
-    titles = result.about.method_titles
-    reference, treated = equal_treatment_scores(result.scores, result.scored())
-    found = [frame(COMPARISONS)]
-    metrics = compared_metrics(result.about.protocol)
-    own = {name: by_method(result.scores, name) for name in REFERENCES}
-    wanted = [(name, "", metric, own[name]) for name, metric in product(REFERENCES, metrics)]
-    wanted += [(reference, t, HEADLINE, methods) for t, methods in treated.items()]
+    most surface. titles: of the methods, by name."""
+    reference, treated = equal_treatment_scores(scores, captures)
+    own = {name: by_method(scores, name) for name in REFERENCES}
+    wanted = [
+        (name, "", metric, own[name])
+        for name, metric in product(REFERENCES, compared_metrics(protocol))
+    ]
+    wanted += [(reference, treatment, HEADLINE, of) for treatment, of in treated.items()]
+    tables = [frame(COMPARISONS)]
     for name, treatment, metric, methods in wanted:
         figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
-        found.append(compare(figures, name, metric, titles, treatment))
-    return conform(pd.concat(found), COMPARISONS)
+        tables.append(compare(figures, name, metric, titles, treatment))
+    return conform(pd.concat(tables), COMPARISONS)
 
 
 def reliability(result: Result) -> pd.DataFrame:
-    """Compute the table RELIABILITY: how often the intervals of a method's σ contain its errors.
+    """Compute how often the intervals of a method's σ contain its errors, averaged over the
+    captures: reference, method, nominal_percent, observed_percent.
     Raises HandbenchError if the maps of depths and of errors of a capture differ in size."""
     rows: list[tuple[str, str, int, float]] = []
     for capture, method in product(result.scored(), result.about.methods):
@@ -160,6 +155,6 @@ def reliability(result: Result) -> pd.DataFrame:
                 )
             covered = coverage_percent(depth, errors)
             rows += [(reference, method.name, *shares) for shares in covered.items()]
-    keys = RELIABILITY.names[:-1]
-    means = frame(RELIABILITY, rows).groupby(keys, sort=False).mean().reset_index()
-    return conform(means, RELIABILITY)
+    keys = ["reference", "method", "nominal_percent"]
+    table = pd.DataFrame(rows, columns=[*keys, "observed_percent"])
+    return table.groupby(keys, sort=False).mean().reset_index()

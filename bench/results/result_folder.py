@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.tables import LEVEL, SCHEMAS, SCORES, each, read, write
+from handbench.bench.evaluation.tables import LEVEL, SCORES, TABLE, TASKS, each, read, write
+from handbench.bench.results import derived
 from handbench.bench.results.about import About, CaptureFacts, read_facts
 from handbench.bench.results.maps import (
     Frames,
@@ -30,22 +31,9 @@ from handbench.support.limits import MOST_CELLS, TOML_BYTES
 if TYPE_CHECKING:
     import pandas as pd
 
-TABLES = {name: SCHEMAS[name] for name in ("table", "tasks", "scores")}  # the files NAME.csv
+TABLES = {"table": TABLE, "tasks": TASKS, "scores": SCORES}  # the files NAME.csv
 BUSY = 0.25  # cores that other work may take before times are called disturbed
 UNSETTLED = 0.1  # of a median time: half a wider interval is reported
-
-
-def _derived(name: str) -> cached_property[pd.DataFrame]:
-    """Make a property of Result that returns the table that the function `name` of
-    `bench.results.derived` computes, at the first use."""
-
-    def table(result: Result) -> pd.DataFrame:
-        from handbench.bench.results import derived  # with pandas and scipy
-
-        table: pd.DataFrame = getattr(derived, name)(result)
-        return table
-
-    return cached_property(table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +60,33 @@ class Result:
             f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
         )
 
-    repeats = _derived("repeats")
-    equal = _derived("equal")
-    comparisons = _derived("comparisons")
-    motion = _derived("motion")
-    reliability = _derived("reliability")
+    @cached_property
+    def repeats(self) -> pd.DataFrame:
+        """The depth of the strongest scatterer in every repeated frame: capture, method, repeat,
+        z_m."""
+        return derived.repeats(self.scores)
+
+    @cached_property
+    def equal(self) -> pd.DataFrame:
+        """The figures of all methods under equal treatment (`derived.equal`)."""
+        return derived.equal(self.scores, self.scored())
+
+    @cached_property
+    def comparisons(self) -> pd.DataFrame:
+        """The tests between all pairs of methods (COMPARISONS)."""
+        return derived.comparisons(
+            self.scores, self.scored(), self.about.protocol, self.about.method_titles
+        )
+
+    @cached_property
+    def motion(self) -> pd.DataFrame:
+        """The figures of all methods on captures with a known velocity (`derived.motion`)."""
+        return derived.motion(self.scores)
+
+    @cached_property
+    def reliability(self) -> pd.DataFrame:
+        """How often the intervals of σ contain the errors (`derived.reliability`)."""
+        return derived.reliability(self)
 
     def row(self, metric: str, method: str, reference: str) -> Any:
         """Return the line of the main table for a metric, a method and a reference, as a named
@@ -220,7 +230,7 @@ def load(folder: str | Path) -> Result:
 def _require_figures(path: Path, scores: pd.DataFrame) -> None:
     """Raise a HandbenchError if the scores have two lines for one figure, or so many captures,
     methods and metrics that arranging them by method would fill the memory."""
-    if scores.duplicated(SCORES.names[:-1]).any():
+    if scores.duplicated(list(SCORES)[:-1]).any():
         raise HandbenchError(f"{path}: has two lines for the same figure; run the benchmark again")
     captures, methods, metrics = (
         scores[column].nunique() for column in ("capture", "method", "metric")

@@ -18,8 +18,8 @@ import tomlkit
 from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.pipeline.image import configured
-from handbench.bench.results.about import REFERENCES
 from handbench.bench.results.result_folder import Result, load
 from handbench.bench.run.captures import RunCapture, open_captures, open_targets
 from handbench.bench.run.engine import Engine

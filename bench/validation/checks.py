@@ -18,7 +18,7 @@ from handbench.bench.datasets.native import FAR_M, MESH, PHOTOS, TARGET
 from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
-    from handbench.bench.results import Result
+    from handbench.bench.results.result_folder import Result
     from handbench.calibration.transforms import Transform
     from handbench.groundtruth.mesh.surface import Surface
     from handbench.radar.data.capture import RadarCapture

@@ -10,7 +10,6 @@ from handbench.bench.datasets.dataset import captures, open_capture
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, load_alignment, load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION
 from handbench.bench.datasets.ti import is_ti_raw, read_raw
-from handbench.bench.results import load as load_result
 from handbench.bench.validation.benchmark_problems import benchmark_problems, scene_problems
 from handbench.bench.validation.capture_problems import (
     capture_problems,
@@ -161,6 +160,8 @@ def problems_of(
 def _folder(path: Path) -> Iterator[Problem]:
     """Yield the problems of a folder. Prints what a single capture can be used for."""
     if _is_result(path):
+        from handbench.bench.results.result_folder import load as load_result  # with scipy
+
         result = yield from attempt(path, partial(load_result, path))
         yield from warnings_at(path, result_warnings(result) if result else ())
     elif is_native(path):

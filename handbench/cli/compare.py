@@ -11,8 +11,8 @@ def run(options: argparse.Namespace) -> str | None:
     """Compare two result folders and print the differences, as tables or as JSON; with -o, also
     write them into a folder.
     Returns a summary if files were written."""
-    from handbench.bench.results import load
     from handbench.bench.results.compare_results import compare_results, write_compared
+    from handbench.bench.results.result_folder import load
     from handbench.reports.tables.comparison import show, write
 
     if options.out is not None:

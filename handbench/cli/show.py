@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handbench.bench.results import SurfaceMap
+from handbench.bench.results.maps import SurfaceMap
 from handbench.cli.options import free
 from handbench.radar.data.capture import even_subset
 from handbench.radar.data.depthmap import load_depthmap

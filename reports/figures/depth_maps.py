@@ -16,7 +16,10 @@ from matplotlib.markers import TICKDOWN, TICKLEFT
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from handbench.bench.results import CaptureFacts, ErrorMap, Result, SurfaceMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.results.about import CaptureFacts
+from handbench.bench.results.maps import SurfaceMap
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.layers import (
     SIGNED,
     Box,

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import colormaps, rc_context
 from PIL import Image
 
-from handbench.bench.results import Frames, SurfaceMap
+from handbench.bench.results.maps import Frames, SurfaceMap
 from handbench.reports.figures.layers import (
     DEPTH_COLOURS,
     ERROR_COLOURS,

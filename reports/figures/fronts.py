@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 
 from handbench.bench.evaluation.front import SURFACE, front, fronts
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.bench.results import Result
-from handbench.radar.methods.registry import titles
+from handbench.bench.results.about import titles
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.style import COLUMN_IN, INK, Picture, drawn_methods, log_axis, narrow
 from handbench.reports.tables.blocks import figure
 

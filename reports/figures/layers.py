@@ -15,7 +15,8 @@ from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from handbench.bench.results import ErrorMap, SurfaceMap
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.results.maps import SurfaceMap
 from handbench.reports.figures.style import STYLE, narrow
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"

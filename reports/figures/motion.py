@@ -3,9 +3,10 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.evaluation.metrics import chosen
-from handbench.bench.results import HEADLINE, CaptureFacts, Result
+from handbench.bench.evaluation.metrics import HEADLINE, chosen
+from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.derived import START
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.style import (
     Picture,
     log_axis,

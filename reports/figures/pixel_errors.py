@@ -6,7 +6,9 @@ from functools import reduce
 
 import numpy as np
 
-from handbench.bench.results import CaptureFacts, ErrorMap, Result
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.results.about import CaptureFacts
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.style import Picture, log_axis, methods, name_all, side_by_side
 from handbench.reports.tables.blocks import AGAINST, DRAWN, drawn_references
 

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from handbench.bench.results import HEADLINE, Result
+from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.motion import (
     error_over_frames,
     errors_of_maps,

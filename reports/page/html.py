@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from handbench.bench.results import CaptureFacts, Result, load
+from handbench.bench.results.about import CaptureFacts
+from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures import plots
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film

@@ -9,7 +9,9 @@ import numpy as np
 from matplotlib import colormaps
 from PIL import Image
 
-from handbench.bench.results import CaptureFacts, Result, SurfaceMap
+from handbench.bench.results.about import CaptureFacts
+from handbench.bench.results.maps import SurfaceMap
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures import layers
 from handbench.reports.figures.style import methods
 from handbench.reports.page.rendering import image, render

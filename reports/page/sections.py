@@ -5,9 +5,10 @@ import json
 from dataclasses import dataclass, replace
 from typing import Any
 
-from handbench.bench.results import HEADLINE, Result, each
+from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
-from handbench.bench.results.result_folder import shown
+from handbench.bench.results.result_folder import Result, shown
 from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
 from handbench.reports.tables.result_tables import claims
 

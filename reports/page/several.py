@@ -4,7 +4,8 @@ methods."""
 from collections.abc import Sequence
 from pathlib import Path
 
-from handbench.bench.results import HEADLINE, Result, load
+from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.style import DrawnMethod, methods
 from handbench.reports.page import html, rendering, scene3d
 from handbench.reports.page.summary import main_reference

@@ -9,9 +9,11 @@ import pandas as pd
 from markupsafe import Markup
 
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
-from handbench.bench.results import REFERENCES, CaptureFacts, MethodFacts, Result, each
-from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
+from handbench.bench.evaluation.tables import each
+from handbench.bench.results.about import TREATMENTS, CaptureFacts, MethodFacts, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.bench.results.result_folder import Result
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import (
     AGAINST,

@@ -8,7 +8,7 @@ import pandas as pd
 
 from handbench.bench.evaluation.front import front
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.bench.results import Result
+from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
 from handbench.reports.page import rendering
 from handbench.reports.page.rendering import Image

@@ -8,10 +8,11 @@ from typing import TypeGuard
 
 import pandas as pd
 
-from handbench.bench.evaluation.metrics import chosen
-from handbench.bench.results import HEADLINE, REFERENCES, CaptureFacts, Result
-from handbench.bench.results.about import TREATMENTS, on_common_pixels
+from handbench.bench.evaluation.metrics import HEADLINE, chosen
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
+from handbench.bench.results.about import TREATMENTS, CaptureFacts, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.bench.results.result_folder import Result
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry",

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from handbench.bench.results import each
+from handbench.bench.evaluation.tables import each
 from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables import latex
 from handbench.reports.tables.blocks import NONE, figure, number, p_text

@@ -10,7 +10,8 @@ import unicodedata
 from collections.abc import Iterable
 from itertools import groupby, pairwise
 
-from handbench.bench.results import Result, each
+from handbench.bench.evaluation.tables import each
+from handbench.bench.results.result_folder import Result
 from handbench.reports.tables.blocks import (
     AGAINST,
     NONE,

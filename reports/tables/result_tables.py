@@ -15,8 +15,9 @@ from rich.table import Table
 from rich.text import Text
 
 from handbench.bench.evaluation.metrics import chosen
-from handbench.bench.results import LEVEL, Result, each
+from handbench.bench.evaluation.tables import LEVEL, each
 from handbench.bench.results.about import TREATMENTS
+from handbench.bench.results.result_folder import Result
 from handbench.reports.tables.blocks import (
     best_note,
     blocks,

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.metrics import figures
-from handbench.bench.results import ErrorMap, SurfaceMap
+from handbench.bench.results.maps import SurfaceMap
 from handbench.bench.validation.checks import figure_warnings
 from handbench.cli.main import main
 from handbench.cli.show import _recording

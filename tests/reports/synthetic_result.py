@@ -9,13 +9,21 @@ import numpy as np
 import pandas as pd
 from PIL import Image
 
-from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import PAPER
 from handbench.bench.evaluation.tables import COMPARISONS, SCORES, TASKS, frame
 from handbench.bench.evaluation.treatments import SMOOTHING
+from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
+from handbench.bench.results.maps import (
+    SurfaceMap,
+    depth_path,
+    write_errors,
+    write_photo,
+    write_surface,
+)
+from handbench.bench.results.result_folder import Result, write_about, write_config, write_tables
 from handbench.radar.data.depthmap import DepthMap
 
 FLOOR_MM = {"photogrammetry": 0.126, "truth": 0.0}
@@ -53,17 +61,17 @@ def write_synthetic(
     Image.fromarray(rng.integers(0, 255, (400, 500, 3), np.uint8)).save(photo)
     lines, z_m = [], hand_m(axis, axis)
     for c in captures:
-        results.write_photo(folder, c, photo)
+        write_photo(folder, c, photo)
         for reference in references:
-            results.write_surface(folder, c, reference, results.SurfaceMap(axis, axis, z_m))
+            write_surface(folder, c, reference, SurfaceMap(axis, axis, z_m))
         for method, (_, mm, _) in methods.items():
             error_m = 1e-3 * mm * rng.normal(size=z_m.shape)
             seen = z_m + np.where(rng.random(z_m.shape) < 0.2, np.nan, error_m)
             depth = DepthMap(axis, axis, seen, np.zeros(seen.shape), method)
-            depth.save(results.depth_path(folder, c, method))
+            depth.save(depth_path(folder, c, method))
             errors = error_map(axis, axis, seen, z_m)
             for reference in references:
-                results.write_errors(folder, c, method, reference, errors)
+                write_errors(folder, c, method, reference, errors)
                 values = figures(errors) | {"floor_mm": FLOOR_MM[reference]}
                 lines += [(c, method, reference, "", 0, *each) for each in values.items()]
                 lines += [(c, method, reference, t, 0, "mae_mm", mm) for t in SMOOTHING if equal]
@@ -80,26 +88,25 @@ def write_synthetic(
     cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
     tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}
-    results.write_tables(folder, table=table, **tables)
-    results.write_config(folder, 'name = "synthetic"\n')
-    about = results.About(
+    write_tables(folder, table=table, **tables)
+    write_config(folder, 'name = "synthetic"\n')
+    about = About(
         name="synthetic",
         protocol={"id": "paper", "version": 4, "compared": tested},
-        metrics=results.metric_facts(),
+        metrics=metric_facts(),
         inputs={"bench.toml": "0" * 64},
         versions={"numpy": np.__version__},
         machine={"cpu": "test"},
-        captures=tuple(results.CaptureFacts(name=c, references=references) for c in captures),
+        captures=tuple(CaptureFacts(name=c, references=references) for c in captures),
         methods=tuple(
-            results.MethodFacts(name=m, title=of[0], id=m.partition("-")[0])
-            for m, of in methods.items()
+            MethodFacts(name=m, title=of[0], id=m.partition("-")[0]) for m, of in methods.items()
         ),
     )
-    results.write_about(folder, about)
+    write_about(folder, about)
     return folder
 
 
-def compared(result: results.Result, lines: pd.DataFrame | list[tuple]) -> results.Result:
+def compared(result: Result, lines: pd.DataFrame | list[tuple]) -> Result:
     """The result with these lines as its table of comparisons."""
     found = replace(result)
     found.__dict__["comparisons"] = frame(COMPARISONS, lines) if isinstance(lines, list) else lines

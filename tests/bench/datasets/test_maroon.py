@@ -16,7 +16,7 @@ from handbench.bench.datasets.maroon_frame import KEYS, Frame, read_numbers
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.score import reference_of_file
-from handbench.bench.results import load
+from handbench.bench.results.result_folder import load
 from handbench.bench.stages.reconstruct import Imager
 from handbench.calibration.transforms import Transform, identity
 from handbench.cli.main import main

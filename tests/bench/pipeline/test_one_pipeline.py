@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import handbench as hb
-from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.native import NativeCapture
+from handbench.bench.results.result_folder import load
 from handbench.bench.run.runner import run
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray
@@ -49,7 +49,7 @@ def test_three_ways_give_one_mean_absolute_error(bench, tmp_path, monkeypatch, c
     depth = hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS)
     by_python = depth.evaluate(protocol=protocol)["mae_mm"]
     run(*load_benchmark(str(bench)), tmp_path / "run")
-    by_run = results.load(tmp_path / "run").row("mae_mm", "2fsk", "truth").value
+    by_run = load(tmp_path / "run").row("mae_mm", "2fsk", "truth").value
     assert by_command == by_python == by_run > 0
 
 

@@ -11,12 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.paired import f_test
 from handbench.bench.evaluation.tables import DIFFERENCES, SCORES, TABLE, TASKS, frame
+from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.compare_results import Compared, compare_results, write_compared
+from handbench.bench.results.maps import SurfaceMap, write_surface
+from handbench.bench.results.result_folder import Result
 from handbench.support.errors import HandbenchError
 
 AXIS_M = 2.5e-3 * np.arange(36)
@@ -35,29 +37,29 @@ def result(
     names: tuple[str, ...] = NAMES,
     shift_m: float = 0.0,
     **facts: object,
-) -> results.Result:
+) -> Result:
     """A result of one method on flat hands that lie shift_m further away; facts: of its About."""
     z_m, lines = REFERENCE_M + shift_m, []
     for name, errors in zip(names, errors_mm, strict=True):
         seen = error_map(AXIS_M, AXIS_M, z_m + 1e-3 * errors, z_m)
         lines += [(name, "3fsk", "truth", "", 0, *each) for each in figures(seen).items()]
-        results.write_surface(folder, name, "truth", results.SurfaceMap(AXIS_M, AXIS_M, z_m))
+        write_surface(folder, name, "truth", SurfaceMap(AXIS_M, AXIS_M, z_m))
     repeated_m = 0.3 + 1e-3 * np.random.default_rng(len(names)).normal(size=10)
     lines += [("B", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(repeated_m)]
     configs = {name: {"step_m": 0.001} for name in names}
     known = {
         "protocol": {"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
-        "metrics": results.metric_facts(),
+        "metrics": metric_facts(),
         "inputs": {},
         "versions": {"handbench": "1"},
         "machine": {"gemm_gflops": 100.0},
-        "captures": tuple(results.CaptureFacts(name=n, references=("truth",)) for n in names),
-        "methods": (results.MethodFacts(name="3fsk", title="3-FSK", config=configs),),
+        "captures": tuple(CaptureFacts(name=n, references=("truth",)) for n in names),
+        "methods": (MethodFacts(name="3fsk", title="3-FSK", config=configs),),
     }
     table = frame(TABLE, [("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")])
-    about = results.About(name="flat", **(known | facts))
+    about = About(name="flat", **(known | facts))
     config = 'name = "flat"\n[[method]]\nid = "3fsk"\n'
-    return results.Result(folder, about, table, frame(TASKS), frame(SCORES, lines), config)
+    return Result(folder, about, table, frame(TASKS), frame(SCORES, lines), config)
 
 
 def line(compared: Compared, metric: str = "mae_mm") -> Any:
@@ -80,7 +82,7 @@ def test_a_result_does_not_differ_from_itself(tmp_path):
     assert compared.changes.empty
     write_compared(tmp_path / "out", compared)
     header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
-    assert header.split(",") == DIFFERENCES.names
+    assert header.split(",") == list(DIFFERENCES)
     # the mean and 6 captures of each error, 1 of the precision, and the median of the time
     assert len(lines) == 4 * (1 + 6) + (1 + 1) + 1
 
@@ -119,8 +121,8 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     found = {n: result(tmp_path / n, speckle(0)[-k:], NAMES[-k:]) for n, k in count.items()}
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES[1:]:
-        surface = results.SurfaceMap(AXIS_M, AXIS_M, fewer_m)
-        results.write_surface(tmp_path / side, name, "truth", surface)
+        surface = SurfaceMap(AXIS_M, AXIS_M, fewer_m)
+        write_surface(tmp_path / side, name, "truth", surface)
     compared = compare_results(found["a"], found["b"])
     assert line(compared).paired == same
     if same:
@@ -147,7 +149,7 @@ def test_different_captures_have_figures_on_one_side_each(tmp_path):
     """And what only one result has, a method and frames, is named."""
     a = result(tmp_path / "a", speckle(0))
     b = result(tmp_path / "b", speckle(1), tuple("GHIKLM"))
-    more = results.MethodFacts(name="joint", title="joint", config={})
+    more = MethodFacts(name="joint", title="joint", config={})
     later = a.scores[a.scores.metric == "mae_mm"].assign(frame=1)
     a = changed(a, methods=(*a.about.methods, more))
     compared = compare_results(replace(a, scores=pd.concat([a.scores, later])), b)
@@ -180,7 +182,7 @@ def test_precisions_are_compared_by_the_f_test():
     assert np.isnan(f_test([], [unit]).difference) and np.isnan(f_test([np.zeros(5)], [unit]).p)
 
 
-def changed(a: results.Result, **facts: object) -> results.Result:
+def changed(a: Result, **facts: object) -> Result:
     return replace(a, about=a.about.model_copy(update=facts))
 
 

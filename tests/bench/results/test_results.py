@@ -7,12 +7,20 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from handbench.bench import results
 from handbench.bench.evaluation.depth_errors import error_map
 from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import PAPER
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame
+from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
+from handbench.bench.results.maps import (
+    SurfaceMap,
+    depth_path,
+    write_errors,
+    write_photo,
+    write_surface,
+)
+from handbench.bench.results.result_folder import load, write_about, write_config, write_tables
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json, write_npz
 
@@ -38,25 +46,25 @@ def rows() -> pd.DataFrame:
 @pytest.fixture
 def folder(tmp_path):
     """The smallest complete result: one capture, one method, one reference."""
-    results.write_surface(tmp_path, "B", "truth", results.SurfaceMap(AXIS, AXIS, Z))
-    results.write_surface(tmp_path, "B", "3fsk", results.SurfaceMap(AXIS, AXIS, Z + 1e-3))
-    results.write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
-    results.write_tables(tmp_path, table=rows(), tasks=TASK, scores=SCORED)
-    results.write_config(tmp_path, 'name = "ü"\n')
-    results.write_about(
+    write_surface(tmp_path, "B", "truth", SurfaceMap(AXIS, AXIS, Z))
+    write_surface(tmp_path, "B", "3fsk", SurfaceMap(AXIS, AXIS, Z + 1e-3))
+    write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
+    write_tables(tmp_path, table=rows(), tasks=TASK, scores=SCORED)
+    write_config(tmp_path, 'name = "ü"\n')
+    write_about(
         tmp_path,
-        results.About(
+        About(
             name="test",
             protocol={"nested": {"list": [1, 2]}},
-            metrics=results.metric_facts(),
+            metrics=metric_facts(),
             inputs={},
             versions={},
             machine={},
             captures=(
-                results.CaptureFacts(name="B", references=("truth",)),
-                results.CaptureFacts(name="hand1", measures=("precision",)),
+                CaptureFacts(name="B", references=("truth",)),
+                CaptureFacts(name="hand1", measures=("precision",)),
             ),
-            methods=(results.MethodFacts(name="3fsk", title="3-FSK", config={"filter_px": 3}),),
+            methods=(MethodFacts(name="3fsk", title="3-FSK", config={"filter_px": 3}),),
         ),
     )
     return tmp_path
@@ -65,13 +73,13 @@ def folder(tmp_path):
 def test_what_is_written_comes_back(folder):
     """The floor stands directly after the MAE, and is unknown here, since nothing tells how the
     reference errs: an empty cell, never a zero. No frame was timed: no figure."""
-    result = results.load(folder)
+    result = load(folder)
     assert result.table.equals(rows())
     assert result.tasks.equals(TASK) and result.scores.equals(SCORED)
     np.testing.assert_array_equal(result.repeats.z_m, np.array(STRONGEST_M, float))
     assert result.config == 'name = "ü"\n' and result.photo("B") is None
     assert result.about.protocol == {"nested": {"list": [1, 2]}}
-    assert result.about.metrics == results.metric_facts()
+    assert result.about.metrics == metric_facts()
     errors = result.errors("B", "3fsk", "truth")
     np.testing.assert_array_equal(errors.error_m, ERRORS.error_m)
     np.testing.assert_array_equal(errors.reference_z_m, ERRORS.reference_z_m)
@@ -115,26 +123,26 @@ def test_broken_folders_are_refused_in_one_line(folder, name, content, words):
     else:
         file.write_text(content)
     with pytest.raises(HandbenchError, match=words) as caught:
-        results.load(folder)
+        load(folder)
     assert "\n" not in str(caught.value)
 
 
 def test_maps_of_other_shapes_and_names_that_lead_outside_are_refused(folder):
-    path = results.depth_path(folder, "B", "3fsk")
+    path = depth_path(folder, "B", "3fsk")
     write_npz(path, x_m=AXIS, y_m=AXIS, z_m=Z[1:])
     with pytest.raises(HandbenchError, match="'z_m' is float64"):
-        results.load(folder).surface("B", "3fsk")
+        load(folder).surface("B", "3fsk")
     for name in ("", "..", "../x", "a\\b", "a__b", "a\nb", "x" * 101):
         with pytest.raises(HandbenchError, match="cannot be the name of a file"):
-            results.depth_path(folder, name, "3fsk")
+            depth_path(folder, name, "3fsk")
     with pytest.raises(HandbenchError, match="expected a folder"):
-        results.load(folder / "nothing")
+        load(folder / "nothing")
 
 
 def test_photographs_are_small_upright_and_anonymous(tmp_path):
     source, exif = tmp_path / "source.jpg", Image.Exif()
     exif[0x0112], exif[0x010F] = 6, "camera"  # to be turned by 90°
     Image.new("RGB", (1500, 900), "red").save(source, exif=exif)
-    results.write_photo(tmp_path, "B", source)
+    write_photo(tmp_path, "B", source)
     with Image.open(tmp_path / "photos" / "B.jpg") as photo:
         assert photo.size == (360, 600) and not photo.getexif()

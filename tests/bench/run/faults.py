@@ -13,7 +13,7 @@ from pkgutil import resolve_name
 import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
-from handbench.bench.results import Result
+from handbench.bench.results.result_folder import Result
 from handbench.bench.run.runner import run
 from handbench.support.store import DECLARED, STAMP
 

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from handbench.bench.results import load
+from handbench.bench.results.result_folder import load
 from handbench.cli.main import main
 from tests.small_benchmark import write_bench
 

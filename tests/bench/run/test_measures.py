@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.repeats import precision_mm
+from handbench.bench.results.result_folder import load
 from handbench.bench.run.captures import scene_of
 from handbench.bench.validation.inspection import problems_of
 from handbench.radar.data.echoes_file import load_capture
@@ -63,7 +63,7 @@ def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_re
     assert set(result.repeats.capture) == set(prints) and set(result.repeats.method) == {"2fsk"}
     found = result.row("precision_mm", "2fsk", "truth").value
     assert found == pytest.approx(precision_mm(hands), rel=1e-12) and found > 0
-    mae = (of.row("mae_mm", "2fsk", "truth").value for of in (result, results.load(small_result)))
+    mae = (of.row("mae_mm", "2fsk", "truth").value for of in (result, load(small_result)))
     assert len(set(mae)) == 1  # the accuracy is the ball's, whatever else is measured
 
 

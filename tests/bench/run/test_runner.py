@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.bench import results
+from handbench.bench.results.result_folder import load
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
@@ -18,7 +18,7 @@ from tests.bench.run.faults import execute, figures
 
 
 def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
-    result = results.load(small_result)
+    result = load(small_result)
     mae = result.table[result.table.metric == "mae_mm"].set_index("method").value
     assert set(mae.index) == {"2fsk", "narrowband"}
     assert 0 < mae["2fsk"] < 10  # σ_z is 3.6 mm at the strongest pixel and 11 mm at the threshold
@@ -133,7 +133,7 @@ def test_a_mesh_in_the_photo_frame_scores_as_the_truth_does(
     surface = read_mesh(recorded / "truth.ply")
     write_mesh(recorded / "mesh.ply", surface.transform(radar_from_photo.inverse().matrix))
     radar_from_photo.save(file)
-    result, simulated = execute(small_bench, tmp_path / "out"), results.load(small_result)
+    result, simulated = execute(small_bench, tmp_path / "out"), load(small_result)
     mesh, truth = (result.row("mae_mm", "2fsk", r).value for r in ("photogrammetry", "truth"))
     assert truth == simulated.row("mae_mm", "2fsk", "truth").value
     assert mesh == pytest.approx(truth, abs=1e-3)  # stored in float32: 1e-7 of 0.5 m

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
-from handbench.bench.results.about import MEASURES
+from handbench.bench.results.about import MEASURES, Failure
+from handbench.bench.results.maps import depth_path
 from handbench.bench.run.captures import RunCapture
 from handbench.bench.run.common import common_subset
 from handbench.bench.run.engine import Engine
@@ -84,7 +84,7 @@ def floors(folder: Path, reference: str) -> list[str]:
 
 def known_of(folder: Path) -> tuple[np.ndarray, dict]:
     """σ of the photographs' surface, and the facts of the plate's."""
-    with np.load(results.depth_path(folder, "plate", "photogrammetry")) as content:
+    with np.load(depth_path(folder, "plate", "photogrammetry")) as content:
         facts = json.loads((folder / "result.json").read_text())["facts"]
         return content["sigma_m"], facts["groundtruth_sigma_rms"]["plate"]
 
@@ -132,7 +132,7 @@ def basis(lost: dict[str, str]) -> tuple[str, str, str, str]:
         method=[{"id": "2fsk", "precision": True}, {"id": "3fsk", "precision": True}],
     )
     failures = [
-        results.Failure(capture=name, method=method, stage="reconstruct", message=f"{name} broke")
+        Failure(capture=name, method=method, stage="reconstruct", message=f"{name} broke")
         for method, names in lost.items()
         for name in names
     ]

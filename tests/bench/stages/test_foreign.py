@@ -15,7 +15,7 @@ import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.native import CaptureFile, NativeCapture, save_capture_file
-from handbench.bench.results import load
+from handbench.bench.results.result_folder import load
 from handbench.bench.stages import foreign
 from handbench.bench.stages.reconstruct import DEPTH
 from handbench.cli.main import main

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handbench.bench import results
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.evaluation.treatments import WINDOW_PX
+from handbench.bench.results.maps import depth_path
 from handbench.bench.run.runner import run
 from handbench.bench.stages import reconstruct
 from handbench.bench.stages.reconstruct import Imager, read_treated, write_treated
@@ -128,7 +128,7 @@ def test_a_run_has_equal_treatment_frames_and_enough_times(small_bench, tmp_path
         maps[method] = np.load(folder / "treated.npz")["none"].astype(float)
         seconds = json.loads((folder / "timing.json").read_text())["seconds"]
         assert len(seconds) == 4 and seconds[-1] == 7.0 != max(seconds[:3])
-    truth_m = np.load(results.depth_path(out, "ball", "truth"))["z_m"]
+    truth_m = np.load(depth_path(out, "ball", "truth"))["z_m"]
     both = np.isfinite([truth_m, *maps.values()]).all(axis=0)
     for method, z_m in maps.items():
         expected_mm = 1e3 * np.abs(z_m - truth_m)[both].mean()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from handbench.bench import results
 from handbench.bench.evaluation.tables import SCORES, frame
+from handbench.bench.results.result_folder import load, write_tables
 from handbench.reports.figures.motion import error_over_frames, errors_over_speed, sequences
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
@@ -30,8 +30,8 @@ def lines_of(capture: str, method: str) -> list[tuple]:
 def moving(tmp_path):
     folder = write_synthetic(tmp_path / "r", references=("truth",))
     rows = [row for c in (*SPEEDS_MM_S, "W") for m in METHODS for row in lines_of(c, m)]
-    results.write_tables(folder, scores=frame(SCORES, rows))
-    return results.load(folder)
+    write_tables(folder, scores=frame(SCORES, rows))
+    return load(folder)
 
 
 def test_figures_draw_what_is_there(moving):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.results import Frames
-from handbench.bench.results.maps import frames_path, read_frames, write_frames
+from handbench.bench.results.maps import Frames, frames_path, read_frames, write_frames
 from handbench.reports.figures.film import film
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz

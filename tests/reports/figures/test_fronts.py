@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from handbench.bench import results
+from handbench.bench.results.result_folder import load
 from handbench.reports.figures import fronts
 from handbench.reports.page import rendering, tradeoff_section
 from tests.reports.synthetic_result import METHODS, write_synthetic
@@ -19,7 +19,7 @@ MESHES = {
 def test_several_settings_of_a_method_have_a_section(tmp_path):
     methods = {"3fsk": METHODS["3fsk"], "3fsk-slow": ("3-FSK, slow", 2.0, 1.0)}
     folder = write_synthetic(tmp_path / "r", ("B",), methods, ("truth",), 6e-3, meshes=MESHES)
-    result, out = results.load(folder), tmp_path / "out"
+    result, out = load(folder), tmp_path / "out"
     rendering.begin(out)
     (image, grid), (_, surfaces) = tradeoff_section.section(result, out / "figures")
     assert image.stem == "front_mae_mm" and (out / "figures" / "front_mae_mm.png").is_file()
@@ -29,7 +29,7 @@ def test_several_settings_of_a_method_have_a_section(tmp_path):
 
 def test_different_methods_alone_have_none(tmp_path):
     folder = write_synthetic(tmp_path / "r", ("B",), METHODS, ("truth",), 6e-3)
-    assert tradeoff_section.section(results.load(folder), tmp_path) == []
+    assert tradeoff_section.section(load(folder), tmp_path) == []
 
 
 def test_points_that_lie_together_share_a_label():

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench import results
 from handbench.bench.evaluation.paired import compare
+from handbench.bench.results.about import MethodFacts
+from handbench.bench.results.maps import write_frames
+from handbench.bench.results.result_folder import load
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.style import STYLE
 from handbench.reports.page import html, rendering, scene3d, sections, several, summary
@@ -161,7 +163,7 @@ def test_never_writes_over_the_result(folder):
 
 
 def test_depth_maps_share_scale_and_axes_seen_from_the_array(result_folder):
-    result = results.load(result_folder)
+    result = load(result_folder)
     with matplotlib.rc_context(STYLE):
         drawn = {picture.stem: picture for picture in panels(result, result.scored()[0])}
     figure = drawn["depth_B"].figure
@@ -228,12 +230,12 @@ def test_the_best_method_the_registration_and_a_film_are_shown(folder, tmp_path)
     changed = tmp_path / "changed"
     shutil.copytree(folder, changed)
     figures = {"2fsk": 6 + np.linspace(0, 1, 10), "3fsk": 1 + np.linspace(0, 0.5, 10)}
-    results.write_frames(changed, SCRIPT, "3fsk", sequence(3))
+    write_frames(changed, SCRIPT, "3fsk", sequence(3))
     about = read_json(changed / "result.json", "")
     about["facts"] |= {"registration_residuals_mm": [0.2, 0.4]}
     about["facts"] |= {"registration_error_at_hand_mm": 0.8}
     write_json(changed / "result.json", about)
-    result = compared(results.load(changed), compare(figures, "truth"))
+    result = compared(load(changed), compare(figures, "truth"))
     ((_, best, equal, differ),) = sections.verdicts(result)[0].rows
     assert (best, equal, differ) == ("3-FSK", "–", "1 of 1")
     rows = sections.uncertainty(result)[-1].rows
@@ -256,13 +258,13 @@ def test_the_best_method_the_registration_and_a_film_are_shown(folder, tmp_path)
     ],
 )
 def test_the_tones_of_a_method_are_named(config, text):
-    method = results.MethodFacts(name="mine", title="mine", config={"B": config, "F": config})
+    method = MethodFacts(name="mine", title="mine", config={"B": config, "F": config})
     assert summary.tones_text(method) == text
 
 
 def test_what_turns_in_3d_is_what_was_measured(result_folder):
     """Depths to half a step, errors to half of theirs; every so many pixels of the map."""
-    result = results.load(result_folder)
+    result = load(result_folder)
     scene = json.loads(json.dumps(scene3d.scene(result, result.scored()[1])))
     surface = next(s for s in scene["surfaces"] if s["name"] == "3fsk")
 

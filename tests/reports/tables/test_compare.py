@@ -12,9 +12,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from handbench.bench import results
 from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, frame
 from handbench.bench.results.compare_results import compare_results
+from handbench.bench.results.result_folder import load
 from handbench.cli import compare as compare_command
 from handbench.cli.main import parser
 from handbench.reports.tables import comparison
@@ -49,7 +49,7 @@ def other_folder(result_folder, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def compared(result_folder, other_folder):
-    return compare_results(results.load(result_folder), results.load(other_folder))
+    return compare_results(load(result_folder), load(other_folder))
 
 
 def run(*arguments: object):

@@ -1,6 +1,6 @@
 """Equal treatment in the report: its block, and what is said of each main pair."""
 
-from handbench.bench import results
+from handbench.bench.results.result_folder import load
 from handbench.reports.tables.result_tables import claims, markdown
 from tests.reports.synthetic_result import compared, write_synthetic
 
@@ -11,7 +11,7 @@ def line(better: str, worse: str, treatment: str, p: float | None) -> tuple:
 
 
 def test_a_pair_is_compared_under_equal_treatment_only(tmp_path):
-    result = results.load(write_synthetic(tmp_path / "r", captures=("B", "F"), equal=True))
+    result = load(write_synthetic(tmp_path / "r", captures=("B", "F"), equal=True))
     lines = [
         line("broadband", "3fsk", "none", 0.4),
         line("3fsk", "broadband", "window", 0.001),

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench import results
 from handbench.bench.results.compare_results import compare_results
+from handbench.bench.results.result_folder import Result, load
 from handbench.reports.tables import comparison, latex
 from tests.reports.synthetic_result import compared
 
@@ -31,10 +31,10 @@ HOSTILE = (
 
 @pytest.fixture(scope="module")
 def result(result_folder):
-    return results.load(result_folder)
+    return load(result_folder)
 
 
-def named(result: results.Result, names: tuple[str, ...]) -> results.Result:
+def named(result: Result, names: tuple[str, ...]) -> Result:
     """The result with these method titles and benchmark name, and a comparison of every pair of
     neighbours."""
     methods = [

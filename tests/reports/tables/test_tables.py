@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from handbench.bench import results
+from handbench.bench.results.result_folder import Result, load
 from handbench.reports.tables import blocks as parts
 from handbench.reports.tables import latex
 from handbench.reports.tables import result_tables as tables
@@ -20,7 +20,7 @@ EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'
 
 @pytest.fixture(scope="module")
 def result(result_folder):
-    return results.load(result_folder)
+    return load(result_folder)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_two_blocks_with_the_papers_figures_and_the_floor_directly_under_the_mae
     assert set(photogrammetry) == {"0.13"} and set(truth) == {"0"}
 
 
-def judged(result: results.Result, p: float) -> results.Result:
+def judged(result: Result, p: float) -> Result:
     """broadband has the best MAE against the truth, 2-FSK and narrowband are worse with this p,
     3-FSK with 0.3."""
     figures = (1.0, 0.5, 1.5, "mm")
