@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from handbench.bench.evaluation.intervals import Interval, median_interval, precision_interval
-from handbench.bench.evaluation.repeats import precision_mm, relative_precision_percent
+from handbench.bench.evaluation.intervals import Interval, median_interval
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,16 +103,18 @@ def over_frames(of: str, statistic: Callable[[np.ndarray], float]) -> Combine:
     return combine
 
 
-def precision(metric: Metric, scores: MethodScores) -> Figure:
-    """Compute the precision from the strongest scatterers; no line without repeats."""
-    hands = scores.of_frames(STRONGEST)
-    return (precision_mm(hands), precision_interval(hands)) if hands else None
+def over_repeats(
+    statistic: Callable[[Sequence[np.ndarray]], float | None],
+    interval: Callable[[Sequence[np.ndarray]], Interval | None] | None = None,
+) -> Combine:
+    """Return a function that computes a statistic, and its interval, from the depth of the
+    strongest scatterer in the repeats of every hand. No line without repeats."""
 
+    def combine(metric: Metric, scores: MethodScores) -> Figure:
+        hands = scores.of_frames(STRONGEST)
+        return (statistic(hands), interval(hands) if interval else None) if hands else None
 
-def relative_precision(metric: Metric, scores: MethodScores) -> Figure:
-    """Compute the relative precision from the strongest scatterers; no line without repeats."""
-    hands = scores.of_frames(STRONGEST)
-    return (relative_precision_percent(hands), None) if hands else None
+    return combine
 
 
 def median(metric: Metric, scores: MethodScores) -> Figure:

@@ -21,15 +21,14 @@ from handbench.bench.evaluation.combine import (
     mean_of_floors,
     median,
     over_frames,
+    over_repeats,
     pooled_mae,
     pooled_max,
-    precision,
-    relative_precision,
     total,
 )
 from handbench.bench.evaluation.depth_errors import ErrorMap, Pixels
-from handbench.bench.evaluation.intervals import Interval, mean_interval
-from handbench.bench.evaluation.repeats import deviation
+from handbench.bench.evaluation.intervals import Interval, mean_interval, precision_interval
+from handbench.bench.evaluation.repeats import deviation, precision_mm, relative_precision_percent
 from handbench.bench.evaluation.velocity_errors import BAND, VelocityErrors
 
 Values = dict[str, float | int | None]  # metric → figure in its unit, None if undefined
@@ -432,7 +431,7 @@ metric(
     "lower",
     "standard deviation (n − 1) of the z of the strongest scatterer over the repeats, "
     "averaged over the hands",
-    combine=precision,
+    combine=over_repeats(precision_mm, precision_interval),
     shown="main summary readme compare",
     paper={"2fsk": 3.6, "3fsk": 0.3},
 )
@@ -452,7 +451,7 @@ metric(
     "100·(1 − precision / mean z of the strongest scatterer); the paper's own values "
     "(98.3 % for 3.6 mm, 99.99 % for 0.3 mm) share no reference distance, so compare the "
     "millimetres",
-    combine=relative_precision,
+    combine=over_repeats(relative_precision_percent),
     paper={"2fsk": 98.3, "3fsk": 99.99},
 )
 metric(

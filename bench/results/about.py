@@ -13,7 +13,7 @@ from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_co
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.radar.methods.registry import titles as titles
-from handbench.support.config import Config, ConfigT, Name, parse
+from handbench.support.config import Config, Name, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
@@ -143,16 +143,14 @@ class About(Config):
         return {method.name: method.title for method in self.methods}
 
 
-def read_facts(model: type[ConfigT], path: Path, what: str, remedy: str) -> ConfigT:
-    """Read result.json, or a file like it, and check it against a `model`.
-    what: a name of the file for messages; remedy: what to do if it has another version. Raises
-    HandbenchError for another schema_version or wrong content."""
-    content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
+def read_about(path: Path) -> About:
+    """Read and check result.json. Raises HandbenchError for another schema_version or wrong
+    content."""
+    content = read_json(path, "a benchmark's result", RESULT_VALUES, RESULT_BYTES)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    ours = model.model_fields["schema_version"].default
-    if version != ours:
+    if version != 1:
         raise HandbenchError(
-            f"{path}: schema_version is {version!r}, but this version of handbench reads {ours}; "
-            f"{remedy}"
+            f"{path}: schema_version is {version!r}, but this version of handbench reads 1; run "
+            "the benchmark again or use the handbench that wrote it"
         )
-    return parse(model, content, str(path))
+    return parse(About, content, str(path))

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.tables import LEVEL, SCORES, TABLE, TASKS, each, read, write
 from handbench.bench.results import derived
-from handbench.bench.results.about import About, CaptureFacts, read_facts
+from handbench.bench.results.about import About, CaptureFacts, read_about
 from handbench.bench.results.maps import (
     Frames,
     SurfaceMap,
@@ -215,8 +215,7 @@ def write_config(folder: Path, toml: str) -> None:
 def load(folder: str | Path) -> Result:
     """Read and check a result folder. Raises HandbenchError if it is missing or incomplete."""
     folder = require_folder(folder, "a benchmark's result (result.json)")
-    remedy = "run the benchmark again or use the handbench that wrote it"
-    about = read_facts(About, folder / "result.json", "a benchmark's result", remedy)
+    about = read_about(folder / "result.json")
     config = read_bytes(folder / "config.toml", "the resolved configuration", TOML_BYTES).decode(
         "utf-8", "replace"
     )
