@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.recording import Recording
@@ -95,6 +94,8 @@ def read_touchstone(path: Path, parameter: str | None = None) -> tuple[np.ndarra
 def _read_positions(path: Path) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Read `positions.csv`. Returns the names of the n Touchstone files, and the positions [n, 3]
     of transmitter and receiver for each, metres."""
+    import pandas as pd  # half a second
+
     columns = ("file", *TX, *RX)
     try:
         text = read_text(path, f"a table with the columns {','.join(columns)}", CSV_BYTES)
