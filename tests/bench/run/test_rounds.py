@@ -2,16 +2,16 @@
 
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.run.captures import RunCapture
 from handbench.bench.run.runner import image
 from tests.bench.run.faults import execute, figures
+from tests.bench.run.stages_of_tests import engine_of
 
 
-def test_each_round_times_every_image_in_an_order_of_its_own(small_bench):
+def test_each_round_times_every_image_in_an_order_of_its_own(small_bench, tmp_path):
     """Which is the same on every machine; the precision is measured once."""
     bench, base = load_benchmark(str(small_bench))
     bench = bench.model_copy(update={"rounds": 2})
@@ -22,9 +22,10 @@ def test_each_round_times_every_image_in_an_order_of_its_own(small_bench):
 
         def perform(stages):
             rounds.append([(one.name, one.capture, one.method) for one in stages])
-            return [Path()] * len(stages)
+            return dict.fromkeys(stages, Path())
 
-        engine = SimpleNamespace(failures=[], attempt=lambda make, *_: make(), perform=perform)
+        engine = engine_of(tmp_path / "work", None)
+        engine.perform = perform
         image(engine, bench, base, captures)
         return rounds
 
