@@ -7,15 +7,18 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
-from handbench.bench.evaluation.refine import refine_files
 from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
 from handbench.calibration.array.array_file import save_array, with_calibration
 from handbench.calibration.echoes.corrections import Corrections
 from handbench.calibration.echoes.estimate import self_calibrate
 from handbench.calibration.echoes.sentences import sentences
+from handbench.calibration.registration.refine import refine
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform
 from handbench.cli.options import free
+from handbench.groundtruth.mesh.depth import reference_on_grid
+from handbench.groundtruth.mesh.surface import read_surface
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
@@ -82,17 +85,20 @@ def _from_targets(options: argparse.Namespace) -> Transform:
         say(f"{options.array}: {array.summary()}")
     transform = calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)
-    sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
-    error = (
-        "error at the hand's centre ± "
-        + " × ".join(f"{s:.2f}" for s in sigma_mm)
-        + " mm (x × y × z, one σ)"
-    )
     say(
         f"{options.out}: the transform is fitted to {len(transform.residuals_m)} elements of the "
-        f"target with residuals of {residuals} mm; {error}"
+        f"target with residuals of {residuals} mm; {_error(transform)}"
     )
     return transform
+
+
+def _error(transform: Transform) -> str:
+    """Return a sentence with the transform's standard deviations at the hand's centre."""
+    if transform.covariance is None:
+        return "no covariance"
+    sigma_mm = 1e3 * np.sqrt(np.diag(transform.point_covariance(HAND_M)))
+    sigmas = " × ".join(f"{sigma:.2f}" for sigma in sigma_mm)
+    return f"error at the hand's centre ± {sigmas} mm (x × y × z, one σ)"
 
 
 def _from_surface(options: argparse.Namespace) -> Transform:
@@ -105,7 +111,12 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         raise HandbenchError(
             "--refine: needs a surface to align the depth map to; add --mesh MESH.ply"
         )
-    transform = refine_files(options.refine, options.mesh, load_any_transform(options.transform))
+    surface, depth = read_surface(options.mesh), load_depthmap(options.refine)
+    transform = refine(
+        lambda moved: reference_on_grid(surface.moved(moved), depth.x_m, depth.y_m).z_m,
+        depth,
+        load_any_transform(options.transform),
+    )
     report = transform.refined or {}
     shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
     turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
@@ -113,11 +124,11 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         f"{options.out}: the transform has moved by ({shift}) mm and turned by ({turn})° about "
         f"the middle of the surface; the RMS depth error over {report['pixels']} pixels changed "
         f"from {report['rms_before_mm']:.2f} to {report['rms_after_mm']:.2f} mm; "
-        f"{report['reason']}; {report['uncertainty']}"
+        f"{report['reason']}; {_error(transform)}"
     )
-    for direction in report["free"]:
+    if report["free"]:
         say(
-            f"{options.out}: the shape of the surface does not determine {direction}, so this "
-            "part of the transform is unchanged"
+            f"{options.out}: the shape of the surface does not determine "
+            f"{', '.join(report['free'])}; this part of the transform and of its error is unchanged"
         )
     return transform
