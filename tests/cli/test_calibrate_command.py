@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-import handbench.bench.stages.calibrate
+import handbench.cli.calibrate
 from handbench.calibration.transforms import Transform
 from handbench.cli.main import main
 
@@ -13,9 +13,7 @@ COVARIANCE = np.diag([5e-5, 5e-5, 8e-5, 5e-4, 5e-4, 5e-4]) ** 2
 
 def test_the_error_at_the_hands_centre_is_printed(tmp_path, capsys, monkeypatch):
     measured = Transform("photo", "radar", np.eye(4), COVARIANCE, np.array([1e-5, 2e-5]))
-    monkeypatch.setattr(
-        handbench.bench.stages.calibrate, "calibrate_captures", lambda *_, **__: measured
-    )
+    monkeypatch.setattr(handbench.cli.calibrate, "calibrate_captures", lambda *_, **__: measured)
     assert main(["calibrate", "cap", "-o", str(tmp_path / "t.json")]) == 0
     printed = capsys.readouterr().err
     assert (
