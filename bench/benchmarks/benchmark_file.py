@@ -361,26 +361,30 @@ def load_tradeoff(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]
             for entry in default.method
         )
         bench = bench.model_copy(update={"method": tuple(entries), "rounds": default.rounds})
+    bench = _only(bench, only)
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):
         count = 0 if bench.groundtruth.sweep is None else 1
         without = (source.model_copy(update={"photos": False}) for source in sources[count:])
         sources = (*sources[:count], *without)
         bench = bench.model_copy(update={"calibration": ()})
-    return _only(bench.model_copy(update={"capture": sources}), only), base
+    return bench.model_copy(update={"capture": sources}), base
 
 
 def _only(bench: BenchFile, labels: Sequence[str]) -> BenchFile:
-    """Return the benchmark with the methods of these labels, or all of them if there are no labels.
-    Raises HandbenchError for an unknown label."""
+    """Return the benchmark with only the methods of these labels, and without a sweep of the ground
+    truth; unchanged if there are no labels. Raises HandbenchError for an unknown label."""
     known = [entry.label for entry in bench.method]
     for label in labels:
         if label not in known:
             raise HandbenchError(
                 f"--only: benchmark '{bench.name}' has no method '{label}'; {suggest(label, known)}"
             )
-    kept = tuple(entry for entry in bench.method if not labels or entry.label in labels)
-    return bench.model_copy(update={"method": kept})
+    if not labels:
+        return bench
+    kept = tuple(entry for entry in bench.method if entry.label in labels)
+    groundtruth = bench.groundtruth.model_copy(update={"sweep": None})
+    return bench.model_copy(update={"method": kept, "groundtruth": groundtruth})
 
 
 def expanded(entries: Sequence[MethodEntry], path: Path) -> tuple[MethodEntry, ...]:
