@@ -126,7 +126,8 @@ def test_a_program_that_hangs_ends_at_the_limit_with_its_children(capture, tmp_p
 def test_a_killed_handbench_leaves_no_program(tmp_path):
     (tmp_path / "mine.py").write_text("import os, subprocess, time\n" + HANG.format(file="ids"))
     command = [sys.executable, str(tmp_path / "mine.py")]
-    code = f"from handbench.bench.stages import foreign; foreign._run({command}, {str(tmp_path)!r}, 60)"
+    call = f"_run({command}, {str(tmp_path)!r}, 60)"
+    code = f"from handbench.bench.stages.foreign import _run; {call}"
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as handbench:
         while not (file := tmp_path / "ids").exists() or not file.read_text().endswith("\n"):
             assert handbench.poll() is None
