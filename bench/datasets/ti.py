@@ -18,7 +18,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, load_positions
 from handbench.radar.data.recording import Recording
 from handbench.radar.methods.advice import default_config
 from handbench.support.config import Config, Tone, parse
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes, read_text, require_file, require_folder
 from handbench.support.limits import CSV_BYTES, KEPT_BYTES
@@ -149,7 +149,7 @@ def _read_numbers(source: Path) -> np.ndarray:
         raise HandbenchError(
             f"{source}: {other} and {raw[0]} are most likely the same recording; keep one of them"
         )
-    require_free(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
+    require_memory(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
     content = b"".join(read_bytes(path, "samples of a radar", KEPT_BYTES) for path in paths)
     return np.frombuffer(content[: len(content) // 2 * 2], "<i2")
 

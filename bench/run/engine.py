@@ -11,11 +11,12 @@ from typing import Any
 from handbench.bench.results.about import Failure
 from handbench.bench.run.executors import started
 from handbench.bench.stages.reconstruct import read_times
+from handbench.support.cost import Cost
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import Work, say
-from handbench.support.store import Stage, Stamp, cached
+from handbench.support.store import Stage, cached
 
-Done = tuple[Stamp, bool]  # what a stage cost, and whether an earlier run had finished it
+Done = tuple[Cost, bool]  # what a stage cost, and whether an earlier run had finished it
 
 
 @dataclass
@@ -68,32 +69,32 @@ class Engine:
     def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | HandbenchError:
         """Return the result of a stage, or the error that the user can mend."""
         try:
-            stamp, finished = result()
+            cost, finished = result()
         except HandbenchError as error:
             return error
         finally:
             self.progress.end(stage.label)
-        say(f"{stage.label}: " + ("cached" if finished else f"{stamp.seconds:.1f} s"))
-        return stamp, finished
+        say(f"{stage.label}: " + ("cached" if finished else f"{cost.seconds:.1f} s"))
+        return cost, finished
 
-    def _record(self, stage: Stage, stamp: Stamp, finished: bool) -> Path:
+    def _record(self, stage: Stage, cost: Cost, finished: bool) -> Path:
         """Record what a stage cost, and return its folder."""
-        folder, host = stage.folder(self.work), stamp.machine.get("host", "")
+        folder, host = stage.folder(self.work), cost.machine.get("host", "")
         times = read_times(folder)
-        self.machines.setdefault(host, stamp.machine)
+        self.machines.setdefault(host, cost.machine)
         self.tasks.append(
             {
                 "task": stage.label,
                 "capture": stage.capture,
                 "method": stage.method,
                 "stage": stage.name,
-                "seconds": stamp.seconds,
-                "cpu_seconds": stamp.cpu_seconds,
-                "peak_memory_mb": stamp.peak_memory_mb,
+                "seconds": cost.seconds,
+                "cpu_seconds": cost.cpu_seconds,
+                "peak_memory_mb": cost.peak_memory_mb,
                 "cached": finished,
                 "plan_seconds": times.get("plan_seconds"),
                 "host": host,
-                "gemm_gflops": stamp.machine.get("gemm_gflops"),
+                "gemm_gflops": cost.machine.get("gemm_gflops"),
                 "others_cores": times.get("others_cores"),
                 "image_error": times.get("image_error"),
             }

@@ -6,22 +6,21 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from handbench.support import cost
+from handbench.support.cost import Cost, machine
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
-from handbench.support.store import Stage, Stamp, cached, code_key
+from handbench.support.store import Stage, cached, code_key
 
 if TYPE_CHECKING:  # an extra
     from distributed import Client
@@ -44,12 +43,12 @@ class ProcessExecutor(ProcessPoolExecutor):
         shares = [cores[n::count] for n in range(count)]
         begin = (shares, context.Value("i", 0), os.getpid())
         super().__init__(count, context, begin_process, begin)
-        self._machine = cost.calibrated_machine()  # measured while nothing else runs
+        self._machine = machine()  # measured while nothing else runs
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue a call of the function in the next idle process, and return its future."""
         with script_left_out():
-            return super().submit(function, *args, machine=self._machine, **kwargs)
+            return super().submit(function, *args, facts=self._machine, **kwargs)
 
 
 class DaskExecutor(Executor):
@@ -82,11 +81,9 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_exception(error)
 
 
-def elsewhere(
-    root: Path, stage: Stage, machine: Mapping[str, Any] = MappingProxyType({})
-) -> tuple[Stamp, bool]:
+def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
     """Carry out a stage in a worker process, as `cached` does.
-    root: folder of all stages. machine: facts of this machine, if they are measured. Raises
+    root: folder of all stages. facts: of this machine (None: they are measured here). Raises
     HandbenchError if the worker does not see this folder, or has other versions of handbench or of
     its libraries."""
     if not root.is_dir():
@@ -99,14 +96,13 @@ def elsewhere(
             f"{stage.label}: this worker has another version of handbench or of a library than "
             "the client; install the same versions on both"
         )
-    cost.CALIBRATED.update(machine)
     with _ALONE:
-        return cached(root, stage)
+        return cached(root, stage, facts)
 
 
 def started(
     executor: Executor | None, root: Path, stages: Sequence[Stage]
-) -> dict[Future[tuple[Stamp, bool]], Stage]:
+) -> dict[Future[tuple[Cost, bool]], Stage]:
     """Start the stages that an executor carries out; return its futures with their stages.
     Processes of this machine get the unfinished stages that share it, provided there are at least
     two. All other stages are left to this process while nothing else is at work, because the time

@@ -37,7 +37,7 @@ from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
 from handbench.groundtruth.mesh_stage import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
-from handbench.support.cost import calibrated_machine
+from handbench.support.cost import machine
 from handbench.support.files import atomic_path, read_json
 from handbench.support.folder import drop
 from handbench.support.progress import say
@@ -250,6 +250,6 @@ def _method_facts(outcome: RunOutcome, subset: CommonSubset, entry: MethodEntry)
 
 def _machines(engine: Engine) -> dict[str, Any]:
     """Return facts of this machine and of all others that did some of the work."""
-    here = calibrated_machine()
+    here = machine()
     others = {name: facts for name, facts in engine.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}

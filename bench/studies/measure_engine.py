@@ -33,7 +33,7 @@ from handbench.radar.simulation.effects.target_surface import shadow_centre
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.radar.warmup import compile_kernels
-from handbench.support.cost import calibrated_machine
+from handbench.support.cost import machine
 from handbench.support.files import write_json
 from handbench.support.progress import track
 from handbench.support.store import versions
@@ -129,8 +129,8 @@ def main() -> None:
     compile_kernels()
     measured = cases(hand(), qar50(), BroadbandConfig(), ThreeToneConfig())
     rows = [measure(case) for case in track(measured, "engine")]
-    machine = {**calibrated_machine(), "imaging_device": describe()}
-    write_json(options.out, {"machine": machine, "versions": versions(), "rows": rows})
+    facts = {**machine(), "imaging_device": describe()}
+    write_json(options.out, {"machine": facts, "versions": versions(), "rows": rows})
     print(pd.DataFrame(rows).to_string(index=False, float_format="{:.3g}".format))
 
 

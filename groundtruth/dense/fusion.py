@@ -10,7 +10,7 @@ import numpy as np
 from handbench.groundtruth.dense.dense import ViewDepth
 from handbench.groundtruth.dense.planesweep import LESS
 from handbench.support.compiled import njit, prange
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
@@ -71,7 +71,7 @@ def fuse(maps: list[ViewDepth], box_m: np.ndarray | None) -> Cloud:
     fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
     shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
     needed = PIXEL_BYTES * (len(maps) + 2) * shape[0] * shape[1]
-    require_free(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
+    require_memory(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
     depths = np.full((len(maps), *shape), np.nan)
     normals = np.zeros((len(maps), *shape, 3))
     for i, m in enumerate(maps):

@@ -14,7 +14,7 @@ import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
 from handbench.support.compiled import njit
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 from handbench.support.parallel import for_each
 
 # advice on depth maps that do not fit into memory
@@ -45,7 +45,7 @@ def swept_disparity(stereo: Stereo, first: float, planes: int) -> np.ndarray:
     pixels and planes do not fit into memory.
     """
     h, w = stereo.reference.shape
-    require_free(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
+    require_memory(4 * planes * h * w, f"dense: {planes} planes of {w} × {h} pixels", LESS)
     cost = np.empty((planes, h, w), dtype=np.uint8)
     tone = stereo.reference.mean()  # sums about it do not cancel in single precision
     stereo = stereo._replace(reference=stereo.reference - tone, sources=stereo.sources - tone)

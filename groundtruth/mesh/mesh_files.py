@@ -15,7 +15,7 @@ import numpy as np
 from handbench.calibration.transforms import LARGEST_M
 from handbench.groundtruth.mesh.ply import MOST, read_ply, write_ply
 from handbench.groundtruth.mesh.polygons import MOST_CORNERS, triangles
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, require_file, require_size
 from handbench.support.limits import MESH_BYTES
@@ -101,7 +101,7 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         )
     # the memory that reading takes, over the file's size
     read, times = readers[path.suffix.lower()]
-    require_free(
+    require_memory(
         times * path.stat().st_size, str(path), ("close other programs, or simplify the mesh")
     )
     require_size(path, "a triangle mesh", MESH_BYTES)

@@ -1,38 +1,37 @@
 """Measure what work costs (wall-clock time, processor time, peak memory) and the machine's speed,
-and refuse work that would take too long or too much memory before it begins."""
+and refuse work that would take too much memory before it begins."""
 
 import os
 import platform
+import re
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import psutil
 
 from handbench.support.errors import HandbenchError
-from handbench.support.parallel import workers
-from handbench.support.progress import duration
 
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
 GEMM_S = 0.5
-# points × tones × channels of the exact sum that a core adds up, of a GEMM rate of 100 GFLOP/s
-TERMS_PER_S = 1e10
-MOST_HOURS = 24.0
 
 
 @dataclass
 class Cost:
     """The cost of some work, measured for the entire process: wall-clock seconds, seconds of
-    processor time, and peak memory, MB."""
+    processor time, and peak memory, MB; and facts of the machine that did it."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     peak_memory_mb: float = 0.0
+    machine: dict[str, Any] = field(default_factory=dict)
 
 
 @contextmanager
@@ -85,18 +84,28 @@ def _busy_s() -> float:
     )
 
 
-CALIBRATED: dict[str, Any] = {}  # the machine's facts, once they are measured
+@cache
+def machine() -> dict[str, Any]:
+    """Return facts of this machine that affect computing times, measured once per process: its name
+    ("host"), processor, number of cores, memory_gb, operating system, version of Python, and its
+    rate of matrix products ("gemm_gflops"), by which times of different machines can be
+    compared."""
+    return {
+        "host": platform.node(),
+        "processor": _processor(),
+        "cores": len(os.sched_getaffinity(0)),
+        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "gemm_gflops": round(gemm_gflops(), 1),
+    }
 
 
-def calibrated_machine() -> dict[str, Any]:
-    """Return facts of this machine that affect computing times, measured once per process: those of
-    `machine`, its name ("host"), and its rate of matrix products ("gemm_gflops"), by which times of
-    different machines can be compared."""
-    if not CALIBRATED:
-        CALIBRATED.update(
-            {"host": platform.node(), **machine(), "gemm_gflops": round(gemm_gflops(), 1)}
-        )
-    return dict(CALIBRATED)
+def _processor() -> str:
+    """Return the name of the processor, as Linux tells it."""
+    facts = Path("/proc/cpuinfo").read_text("utf-8", "replace")
+    named = re.search(r"model name\s*:\s*(.*)", facts)
+    return named[1] if named else platform.machine()
 
 
 def gemm_gflops() -> float:
@@ -113,53 +122,16 @@ def gemm_gflops() -> float:
     return 2e-9 * GEMM_SIZE**3 / best_s
 
 
-def machine() -> dict[str, str | int | float]:
-    """Return facts of this machine that affect computing times: processor, number of cores,
-    memory_gb, operating system, and version of Python."""
-    return {
-        "processor": _processor(),
-        "cores": len(os.sched_getaffinity(0)),
-        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-    }
-
-
-def _processor() -> str:
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as stream:
-            return next(
-                line.split(":", 1)[1].strip() for line in stream if line.startswith("model name")
-            )
-    except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
-
-
-def require_memory(needed_bytes: float, what: str) -> None:
-    """Raise a HandbenchError if imaging needs more memory than allowed, which is
-    HANDBENCH_MEMORY_GB or a quarter of the machine's memory.
-    what: the work, with which the message begins. The message says how much larger steps of the
-    grid would have to be."""
-    limit = 1e9 * setting("HANDBENCH_MEMORY_GB", psutil.virtual_memory().total / 4e9, "gigabytes")
-    if needed_bytes > limit:
-        coarser = (needed_bytes / limit) ** (1 / 3)
+def require_memory(needed_bytes: float, what: str, advice: str) -> None:
+    """Raise a HandbenchError for work that needs more memory than HANDBENCH_MEMORY_GB, or, if that
+    is not set, than is free now.
+    The message begins with `what`, the work, and ends with `advice`."""
+    free_gb = psutil.virtual_memory().available / 1e9
+    most_gb = setting("HANDBENCH_MEMORY_GB", free_gb, "gigabytes")
+    if needed_bytes > 1e9 * most_gb:
         raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB, more than the limit of {limit / 1e9:.3g} "
-            f"GB; make the grid's steps {coarser:.2g} times larger, leave out --volume, or raise "
-            "HANDBENCH_MEMORY_GB"
-        )
-
-
-def require_time(core_s: float, what: str) -> None:
-    """Raise a HandbenchError for work that would take more than HANDBENCH_HOURS (24) on all cores.
-    core_s: predicted processor time on one core, seconds; what: the work, with which the message
-    begins."""
-    hours, seconds = setting("HANDBENCH_HOURS", MOST_HOURS, "hours"), core_s / workers()
-    if seconds > 3600 * hours:
-        raise HandbenchError(
-            f"{what}: would take about {duration(seconds)}, more than the limit of {hours:g} h; "
-            "use fewer points, tones or pixels, check that all lengths are in metres, or raise "
-            "HANDBENCH_HOURS"
+            f"{what}: needs {needed_bytes / 1e9:.3g} GB of memory, more than the {most_gb:.3g} GB "
+            f"that it may take; {advice}, or set HANDBENCH_MEMORY_GB"
         )
 
 
@@ -177,14 +149,3 @@ def setting(name: str, default: float, unit: str) -> float:
             f"{name}: is '{wanted}'; set it to a positive number of {unit}, or unset it"
         )
     return value
-
-
-def require_free(needed_bytes: float, what: str, advice: str) -> None:
-    """Raise a HandbenchError for work that needs more memory than is free now.
-    The message begins with `what`, the work, and ends with `advice`."""
-    free = psutil.virtual_memory().available
-    if needed_bytes > free:
-        raise HandbenchError(
-            f"{what}: needs {needed_bytes / 1e9:.3g} GB of memory, but only {free / 1e9:.3g} GB "
-            f"are free; {advice}"
-        )

@@ -18,7 +18,6 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import writable
 
 MARKER, WORK = ".handbench-run", "work"
-PART_BYTES = 2**22
 ADVICE = "free space on the disk, or choose another folder for -o"
 
 
@@ -49,15 +48,6 @@ def is_owned_folder(path: Path) -> bool:
     user."""
     found = require_owned(path)
     return found is not None and stat.S_ISDIR(found.st_mode)
-
-
-def read_owned(path: str | Path) -> Iterator[bytes]:
-    """Yield the content of a file in blocks of 4 MB (PART_BYTES).
-    Raises FileNotFoundError if there is no file, and HandbenchError for a link, a device or a pipe,
-    and for a file of another user."""
-    with open(path, "rb", opener=_open_owned) as stream:
-        while part := stream.read(PART_BYTES):
-            yield part
 
 
 def _open_owned(path: str, flags: int) -> int:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 
 if TYPE_CHECKING:
     import h5py
@@ -73,7 +73,7 @@ def read(file: "h5py.File", name: str, path: Path) -> np.ndarray:
         )
     if found.chunks is not None:
         _check_pieces(found, name)
-    require_free(
+    require_memory(
         2 * size,
         f"{path}: '{name}' {found.shape}",
         "end other programs, or cut the file into parts",

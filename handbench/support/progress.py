@@ -1,4 +1,5 @@
-"""Progress of a command on stderr: one bar on a terminal, a line every 10 s elsewhere."""
+"""Progress of a command on stderr: one line, drawn again and again on a terminal, and printed every
+10 s elsewhere."""
 
 import sys
 import threading
@@ -7,10 +8,7 @@ from collections.abc import Iterable, Iterator, Sized
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from multiprocessing import parent_process
-from typing import TYPE_CHECKING, Any, TypeVar
-
-if TYPE_CHECKING:
-    from rich.table import Table
+from typing import Any, TypeVar
 
 Item = TypeVar("Item")
 PLAIN_INTERVAL_S = 10.0
@@ -19,7 +17,7 @@ ERASE_LINE = "\r\x1b[2K"
 
 def say(text: str) -> None:
     """Print one line of progress on stderr (stdout is reserved for results).
-    On a terminal it takes the line of the bar, which is drawn again below, so that further
+    On a terminal it takes the line of the progress, which is drawn again below, so that further
     processes can print too."""
     erase = ERASE_LINE if sys.stderr.isatty() else ""
     sys.stderr.write(f"{erase}{text}\n")
@@ -68,33 +66,14 @@ class Work:
         """Count further parts as done, up to `done` in all, because they are not needed."""
         self.done = max(self.done, done)
 
-    def count(self) -> str:
-        """Return the number of the part at work, of all, and the time since the start."""
-        at = min(self.done + 1, self.total or self.done + 1)
-        total = f" of {self.total}" if self.total else ""
-        return f"{at}{total}, {duration(time.monotonic() - self.start)}"
-
-    def label(self) -> str:
-        """Return the running parts and the current step."""
-        running = list(self.running)
-        others = f" and {len(running) - 1} more" if len(running) > 1 else ""
-        return ", ".join(filter(None, (f"{running[0]}{others}" if running else "", self.detail)))
-
     def line(self) -> str:
-        """Return count, time and running parts as one line."""
-        return ": ".join(filter(None, (self.count(), self.label())))
-
-    def bar(self) -> "Table":
-        """Return the same as a bar for a terminal, one line high."""
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-
-        line = Table.grid(padding=(0, 1))
-        for _ in range(3):
-            line.add_column(no_wrap=True, overflow="ellipsis")
-        drawn = ProgressBar(self.total or None, self.done, width=24)
-        line.add_row(drawn, self.count(), self.label())
-        return line
+        """Return the number of the part at work, of all; the time since the start; and the running
+        parts with the current step."""
+        at, running = self.done + 1, list(self.running)
+        count = f"{min(at, self.total)} of {self.total}" if self.total else f"{at}"
+        others = f" and {len(running) - 1} more" if len(running) > 1 else ""
+        now = ", ".join(filter(None, (*running[:1], self.detail)))
+        return f"{count}, {duration(time.monotonic() - self.start)}: {now}{others}"
 
 
 _current: Work | None = None
@@ -111,19 +90,20 @@ def counted(total: int) -> Iterator[Work]:
         return
     _current = work
     try:
-        with _bar(work) if sys.stderr.isatty() else _lines(work):
+        with _live(work) if sys.stderr.isatty() else _lines(work):
             yield work
     finally:
         _current = None
 
 
-def _bar(work: Work) -> AbstractContextManager[Any]:
-    """Return a context manager that draws the bar of `work` on a terminal while its block runs."""
+def _live(work: Work) -> AbstractContextManager[Any]:
+    """Return a context manager that draws the line of `work` on a terminal while its block runs."""
     from rich.console import Console
     from rich.live import Live
+    from rich.text import Text
 
     return Live(
-        get_renderable=work.bar,
+        get_renderable=lambda: Text(work.line(), no_wrap=True, overflow="ellipsis"),
         console=Console(stderr=True),
         transient=True,
         redirect_stdout=False,

@@ -20,7 +20,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from handbench.support.cost import Cost, calibrated_machine, measured
+from handbench.support.cost import Cost, machine, measured
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
 from handbench.support.folder import is_owned_folder, require_owned
@@ -50,15 +50,8 @@ class Input(NamedTuple):
     key: Any
 
 
-class Declared(NamedTuple):
-    """What the decorator `stage` says of a function: the stage's name, and the source that it runs,
-    as folders and files of handbench."""
-
-    name: str
-    sources: tuple[str, ...]
-
-
-DECLARED: dict[Callable[..., None], Declared] = {}
+# the name of each stage, and the folders and files of handbench's source that it runs
+DECLARED: dict[Callable[..., None], tuple[str, tuple[str, ...]]] = {}
 
 
 def stage(name: str, *sources: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -68,7 +61,7 @@ def stage(name: str, *sources: str) -> Callable[[Callable[..., None]], Callable[
     whose change makes a finished stage outdated; `support` always counts."""
 
     def declare(function: Callable[..., None]) -> Callable[..., None]:
-        DECLARED[function] = Declared(name, (*sources, "support"))
+        DECLARED[function] = name, (*sources, "support")
         return function
 
     return declare
@@ -78,7 +71,7 @@ def stage(name: str, *sources: str) -> Callable[[Callable[..., None]], Callable[
 def code_key(function: Callable[..., None]) -> str:
     """Return the hash of all that a stage's function runs: the files of the sources that it
     declares, as this process first read them, and the versions of the libraries and of Python."""
-    sources = {name: source_hash(name) for name in DECLARED[function].sources}
+    sources = {name: source_hash(name) for name in DECLARED[function][1]}
     return content_hash(sources, versions(), sys.version_info[:2])
 
 
@@ -130,7 +123,7 @@ class Stage:
     @property
     def name(self) -> str:
         """The name of the stage, such as "reconstruct"."""
-        return DECLARED[self.function].name
+        return DECLARED[self.function][0]
 
     @property
     def label(self) -> str:
@@ -158,43 +151,37 @@ def _each(arguments: Any, part: int) -> Any:
     return arguments
 
 
-@dataclass
-class Stamp(Cost):
-    """The cost of making a stored result, and facts of the machine that made it."""
-
-    machine: dict[str, Any] = field(default_factory=dict)
-
-
-def cached(root: Path, stage: Stage) -> tuple[Stamp, bool]:
+def cached(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
     """Carry out a stage, unless the store `root` has its complete result.
-    Returns the cost of making the result, and whether it was in the store already. A result whose
-    files changed is reported and computed again."""
+    facts: of this machine (None: they are measured). Returns the cost of making the result, and
+    whether it was in the store already. A result whose files changed is reported and computed
+    again."""
     require_owned(root)
     folder = stage.folder(root)
     if is_owned_folder(folder):
         with suppress(HandbenchError, AttributeError, TypeError):  # what is no stamp of ours
             require_owned(folder / STAMP)
-            facts = read_json(folder / STAMP, "a stage's stamp")
-            if facts.pop("content", "") == _digest(folder, facts):
-                return Stamp(**facts), True
+            stamp = read_json(folder / STAMP, "a stage's stamp")
+            if stamp.pop("content", "") == _digest(folder, stamp):
+                return Cost(**stamp), True
         say(f"{folder}: its files changed since they were written, so it is computed again")
-    machine = calibrated_machine()  # once, before anything is timed
+    facts = facts or machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
         # in a process of its own or not, sums of matrices are the same
         with measured() as cost, one_blas_thread() if stage.shares else nullcontext():
             stage.function(temporary, **stage.arguments)
-        facts = {**asdict(cost), "machine": machine}
-        write_json(temporary / STAMP, {**facts, "content": _digest(temporary, facts)})
-    return Stamp(**facts), False
+        stamp = asdict(cost) | {"machine": facts}
+        write_json(temporary / STAMP, {**stamp, "content": _digest(temporary, stamp)})
+    return Cost(**stamp), False
 
 
-def _digest(folder: Path, facts: dict[str, Any]) -> str:
-    """Return the hash of a stage's result: the facts of its stamp, and the names and the content of
+def _digest(folder: Path, stamp: dict[str, Any]) -> str:
+    """Return the hash of a stage's result: its stamp, and the names and the content of
     its other files. Raises HandbenchError for a link or a pipe."""
     paths = [path for path in sorted(folder.rglob("*")) if require_owned(path)]
     files = [path for path in paths if path.is_file() and path.name != STAMP]
     return content_hash(
-        facts, [[path.relative_to(folder).as_posix(), content_hash(path)] for path in files]
+        stamp, [[path.relative_to(folder).as_posix(), content_hash(path)] for path in files]
     )
 
 

@@ -15,7 +15,7 @@ from handbench.radar.data.arrays import (
     tones,
 )
 from handbench.radar.data.capture import RadarCapture, as_complex64
-from handbench.support.cost import require_free
+from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 
 SWEEPS = ("mean", "frames")  # repeated sweeps are averaged, or become frames
@@ -129,7 +129,7 @@ def _of_pairs(
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
         return samples, BistaticScan(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))
-    require_free(
+    require_memory(
         8 * float(np.prod(shape)),
         f"samples: {shape}",
         "close other programs, or cut the file into parts",

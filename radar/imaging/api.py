@@ -10,7 +10,6 @@ on the processor (`radar.imaging.cpu`), array code elsewhere (`radar.imaging.gpu
 """
 
 from collections.abc import Callable
-from math import prod
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -24,6 +23,7 @@ from handbench.radar.imaging.device import Array, current_device, to_host
 from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.imaging.plan import (
+    COARSER,
     GridPlan,
     TreePlan,
     exact_terms,
@@ -32,7 +32,7 @@ from handbench.radar.imaging.plan import (
     node_cost,
 )
 from handbench.radar.imaging.tree import Family, clusters, needs_direct_sum
-from handbench.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
@@ -88,7 +88,6 @@ def image_points(
         or sum(executor.plan.cost(where) for executor, where in zip(plans, places, strict=True))
         > terms
     ):
-        _require_time(len(samples) * len(points), aperture, f"imaging {len(points)} points")
         images = to_host(_device().exact_images(samples, frequencies_hz, aperture, points, apart))
     else:
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
@@ -123,6 +122,7 @@ def image_volume(
     require_memory(
         8 * count * int(np.prod(grid.shape)),
         f"volume of {count} × {grid.shape} voxels [nz, ny, nx]",
+        COARSER,
     )
     if tolerance is None:
         volumes = _exact_volume(samples, frequencies_hz, aperture, grid, apart)
@@ -203,8 +203,6 @@ class GridImager:
         nodes = self.plan.nodes_at(z_m)
         if self._executor is None:
             frequencies_hz, aperture, apart = self._how
-            what = f"exact images of {nodes.shape} nodes [nz, ny, nx]"
-            _require_time(len(samples) * prod(nodes.shape), aperture, what)
             images = _device().exact_images(
                 samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart
             )
@@ -250,16 +248,6 @@ def _device() -> _Device:
     return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
 
 
-def _require_time(images: int, aperture: Aperture, what: str) -> None:
-    """Predict how long exact sums take on the processor. A long time is reported; one beyond the
-    limit raises HandbenchError. On other devices, whose speed is unknown, do nothing.
-
-    images: number of points times number of tones; what: name of the work in the message.
-    """
-    if current_device() == "cpu":
-        require_time(exact_terms(images, aperture) / TERMS_PER_S, what)
-
-
 def _grid_imager(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
 ) -> GridImager:
@@ -294,9 +282,6 @@ def _exact_volume(
 ) -> np.ndarray:
     volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
-    _require_time(
-        len(samples) * len(flat), aperture, f"exact volume of {grid.shape} voxels [nz, ny, nx]"
-    )
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = to_host(

@@ -31,9 +31,10 @@ from handbench.radar.imaging.tree import (
     root_node,
     split,
 )
-from handbench.support.cost import TERMS_PER_S, require_memory, require_time
+from handbench.support.cost import require_memory
 from handbench.support.parallel import one_blas_thread
 
+COARSER = "make the grid's steps larger"
 LEAF = 7.0  # Nyquist intervals along each axis of a leaf, at most ...
 # ... and leaves along each axis of a cell: the balance of compressing against evaluating
 LEAVES_PER_CELL_SIDE = 3
@@ -179,17 +180,15 @@ class GridPlan:
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
         images = len(frequencies_hz) if family.apart else 1
         needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
-        require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]")
+        require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]", COARSER)
         self.tree = (
             None
             if needs_direct_sum(aperture)
             else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         )
         terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
-        if self.tree is not None and (cost := self.tree.cost()) > max(PLANNED, terms):
+        if self.tree is not None and self.tree.cost() > max(PLANNED, terms):
             self.tree = None
-        elif self.tree is not None:
-            require_time(cost / TERMS_PER_S, f"planning images of {grid.shape} voxels [nz, ny, nx]")
         self._sorted: SortedPoints | None = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:

@@ -375,7 +375,7 @@ def test_beyond_memory() -> Works:
 @hard_case(
     "memory for 10⁷ faces",
     kind="derived",
-    bound=8 * FACE_BYTES * 1e7 / 1e9,  # `require_free` asks for 8 times a PLY file
+    bound=8 * FACE_BYTES * 1e7 / 1e9,  # `require_memory` asks for 8 times a PLY file
     unit="GB",
     quantity="memory that reading takes, for each face of 10⁷",
     reference="the peak at 5·10⁴ faces, in proportion",

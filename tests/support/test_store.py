@@ -36,7 +36,7 @@ def source(tmp_path, monkeypatch):
     file.parent.mkdir(parents=True)
     file.write_text("a = 1")
     monkeypatch.setattr(store, "PACKAGE", file.parents[1])
-    monkeypatch.setitem(DECLARED, make, store.Declared("dense", ("support",)))
+    monkeypatch.setitem(DECLARED, make, ("dense", ("support",)))
     forget()
     yield file
     forget()

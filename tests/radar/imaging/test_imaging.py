@@ -11,9 +11,7 @@ from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.certificate import imaging_error
-from handbench.radar.imaging.device import SETTING
 from handbench.radar.imaging.peaks import strongest_voxels
-from handbench.support.cost import require_time
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
@@ -173,47 +171,16 @@ def test_volumes_beyond_the_memory_limit_are_refused_and_projected_all_the_same(
     fine = VoxelGrid(2e-4 * np.arange(200), 2e-4 * np.arange(150), 0.25 + 2e-4 * np.arange(100))
     samples = noise((16, 94, 94))
     with pytest.raises(
-        HandbenchError, match=r"needs 0\.024 GB.*limit of 0\.005 GB.*steps 1\.7 times larger"
+        HandbenchError, match=r"needs 0\.024 GB.*more than the 0\.005 GB.*steps larger"
     ):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
     assert project_volume(samples, FEW_HZ, qar50(), fine, 1e-3).index.shape == fine.shape[1:]
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "0.00001")
-    with pytest.raises(
-        HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*limit of 1e-05 GB"
-    ):
+    with pytest.raises(HandbenchError, match=r"grid of \(100, 150, 200\) voxels.*the 1e-05 GB"):
         project_volume(samples, FEW_HZ + 1, qar50(), fine, 1e-3)
     monkeypatch.setenv("HANDBENCH_MEMORY_GB", "much")
     with pytest.raises(HandbenchError, match="HANDBENCH_MEMORY_GB: is 'much'"):
         image_volume(samples, FEW_HZ, qar50(), fine, 1e-3)
-
-
-def test_work_that_takes_too_long_is_refused_before_it_begins_and_long_work_is_announced(
-    monkeypatch, capsys
-):
-    grid, samples = cut(), noise((16, 94, 94))
-    points_m = grid.points_m().reshape(-1, 3)
-    monkeypatch.setenv(SETTING, "cpu")  # rates of other devices are unknown
-    monkeypatch.setenv("HANDBENCH_WORKERS", "2")
-    monkeypatch.setenv("HANDBENCH_HOURS", "1e-9")
-    whole = VoxelGrid(*(1e-3 * np.arange(400) + low for low in (-0.2, -0.2, 0.2)))
-    monkeypatch.setattr(
-        "handbench.radar.imaging.api.cpu.exact_images", lambda *_: pytest.fail("it began")
-    )
-    with pytest.raises(
-        HandbenchError,
-        match=rf"imaging {len(points_m)} points: would take about .* HANDBENCH_HOURS",
-    ):
-        image_points(samples, FEW_HZ, qar50(), points_m, None)
-    with pytest.raises(
-        HandbenchError, match=r"exact volume of \(400, 400, 400\) voxels .* 8 min, more than "
-    ):
-        image_volume(
-            samples, FEW_HZ, qar50(), whole, None
-        )  # 16 · 94² · 400³ terms, 1e10 a core and second: 452 s
-    monkeypatch.delenv("HANDBENCH_HOURS")
-    require_time(50.0, "work")
-    require_time(5.0, "short work")
-    assert capsys.readouterr().err == "work: this will take about 25 s\n"
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-9, 0.5, float("nan")])
