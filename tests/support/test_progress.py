@@ -28,7 +28,7 @@ def test_parts_are_counted_and_the_count_never_goes_back():
         work.end("beside")
         work.reach(reached)
         seen.append(work.done)
-    assert seen == sorted(seen) and seen[1] == 4 and work.count().startswith("3 of 3")
+    assert seen == sorted(seen) and seen[1] == 4 and work.line().startswith("3 of 3")
 
 
 def test_inner_work_is_a_step_of_the_outer(monkeypatch):
@@ -36,7 +36,7 @@ def test_inner_work_is_a_step_of_the_outer(monkeypatch):
     seen = []
     with progress.counted(4) as work, work.part("imaging"):
         for _ in progress.track("ab", "planes"):
-            seen.append(work.label())
+            seen.append(work.line().partition(": ")[2])
         with progress.counted(7) as inner, inner.part("of a function"):
             assert work.running == ["imaging"]
         assert work.done == 0
