@@ -27,7 +27,7 @@ ENTRY = "[handbench.methods]\n{} = {}\n"
 def site(tmp_path, monkeypatch) -> Path:
     """A folder of installed packages; plug-ins are looked for anew, and forgotten afterwards."""
     method("2fsk")
-    before, loaded = dict(METHODS), set(sys.modules)
+    before = dict(METHODS)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(registry, "_begun", set())
     monkeypatch.setattr(registry, "BROKEN", {})
@@ -35,8 +35,9 @@ def site(tmp_path, monkeypatch) -> Path:
     yield tmp_path
     METHODS.clear()
     METHODS.update(before)
-    for name in set(sys.modules) - loaded:
-        del sys.modules[name]
+    for name, module in list(sys.modules.items()):
+        if (getattr(module, "__file__", None) or "").startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
 def install(
