@@ -19,8 +19,6 @@ from handbench.bench.evaluation.tables import LEVEL
 FEWEST = 5  # captures: of four, the spread itself is known to 40 %, and t's quantile is above 3
 TAILS = ((1 - LEVEL) / 2, (1 + LEVEL) / 2)  # shares of a distribution below an interval's ends
 RESAMPLES = 2000
-DRAWN_AT_ONCE = 100_000  # values of resamples in memory, however many captures there are
-TOO_FEW = "too few captures for a test"
 
 
 class Interval(NamedTuple):
@@ -36,29 +34,33 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
     NaN are left out. Returns None for fewer than five captures (FEWEST).
     Student's T = (m − μ)/s is corrected for the skewness γ (Hall 1992): T + γT²/3 + γ²T³/27 + γ/6n
     follows Student's distribution more closely. The ends of the interval are transformed back."""
-    from scipy.special import stdtrit
+    from scipy import stats  # takes a second
 
-    known = np.asarray(values, float)
-    known = known[np.isfinite(known)]
-    n = len(known)
+    finite = np.asarray(values, float)
+    finite = finite[np.isfinite(finite)]
+    n = len(finite)
     if n < FEWEST:
         return None
-    mean, spread = known.mean(), deviation(known)
-    quantiles = stdtrit(n - 1, np.array(TAILS)[::-1]) / np.sqrt(n)
-    skew = float((((known - mean) / spread) ** 3).mean() * (n / (n - 1)) ** 1.5) if spread else 0.0
+    mean = finite.mean()
+    spread = deviation(finite)
+    quantiles = stats.t.ppf(TAILS[::-1], n - 1) / np.sqrt(n)
+    skew = float((((finite - mean) / spread) ** 3).mean() * (n / (n - 1)) ** 1.5) if spread else 0.0
     if abs(skew) > 1e-6:  # below, the transformation is the identity to rounding
         quantiles = 3 / skew * (np.cbrt(1 + skew * (quantiles - skew / (6 * n))) - 1)
-    low, high = mean - spread * quantiles
-    return Interval(float(low), float(high))
+    return Interval(*(mean - spread * quantiles).tolist())
+
+
+def counted(captures: int) -> str:
+    """Return a number of captures in words, such as "1 capture"."""
+    return f"{captures} capture{'' if captures == 1 else 's'}"
 
 
 def note(captures: int) -> str:
     """Return a sentence that says on how many captures the intervals are based, or that there are
     too few for intervals."""
-    if captures >= FEWEST:
-        return f"{captures} captures: the intervals are those of the mean over captures like these"
-    counted = f"{captures} capture{'s' * (captures > 1)}"
-    return f"{counted}: no intervals, which need at least {FEWEST} captures"
+    if captures < FEWEST:
+        return f"{counted(captures)}: no intervals, which need at least {FEWEST} captures"
+    return f"{counted(captures)}: the intervals are those of the mean over captures like these"
 
 
 def precision_interval(strongest_z_m: Sequence[np.ndarray]) -> Interval | None:
@@ -67,18 +69,14 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray]) -> Interval | None:
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
     metres. It is the χ² interval of a standard deviation, for further repeats of the same hands,
     whose errors are independent. None if a hand has fewer than two usable repeats."""
-    from scipy.special import chdtri
+    from scipy import stats
 
-    known = mean_deviation(strongest_z_m)
-    if known is None:
+    spread = mean_deviation(strongest_z_m)
+    if spread is None:
         return None
-    deviation_mm, freedom = known
-    below, above = TAILS
-    low, high = (
-        deviation_mm * (freedom / chdtri(freedom, share_above)) ** 0.5
-        for share_above in (below, above)
-    )
-    return Interval(float(low), float(high))
+    deviation_mm, freedom = spread
+    ends = deviation_mm * np.sqrt(freedom / stats.chi2.isf(TAILS, freedom))
+    return Interval(*ends.tolist())
 
 
 def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
@@ -86,7 +84,5 @@ def median_interval(values: np.ndarray, seed: int = 0) -> Interval | None:
     None for fewer than three values."""
     if len(values) < 3:
         return None
-    generator, rows = np.random.default_rng(seed), max(DRAWN_AT_ONCE // len(values), 1)
-    sizes = [(min(rows, RESAMPLES - first), len(values)) for first in range(0, RESAMPLES, rows)]
-    medians = np.concatenate([np.median(generator.choice(values, size), axis=1) for size in sizes])
-    return Interval(*map(float, np.quantile(medians, TAILS)))
+    resamples = np.random.default_rng(seed).choice(values, (RESAMPLES, len(values)))
+    return Interval(*np.quantile(np.median(resamples, axis=1), TAILS).tolist())

@@ -1,7 +1,7 @@
 """Differences in the provenance of two results: configuration, settings of the methods, versions,
 machines, inputs."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import pandas as pd
@@ -15,63 +15,55 @@ HASH_CHARACTERS = 12  # enough to distinguish two hashes
 
 def changes(a: Result, b: Result) -> pd.DataFrame:
     """List what differs between two results besides their figures, as the table CHANGES:
-    configuration, settings of the methods, versions, machine, inputs.
+    configuration, settings of the methods that both have, versions, machine, inputs.
     A line has the values of A and B for one key; a value is empty if that result does not have the
     key."""
-    kinds = (
-        ("configuration", _configuration(a), _configuration(b)),
-        ("settings", _settings(a, b), _settings(b, a)),
-        ("version", a.about.versions, b.about.versions),
-        ("machine", _flat(a.about.machine), _flat(b.about.machine)),
-        ("input", _inputs(a), _inputs(b)),
-    )
+    methods = a.about.method_titles.keys() & b.about.method_titles.keys()
+    ours, theirs = (_facts(result, methods) for result in (a, b))
     lines = (
-        (what, key, str(ours.get(key, "")), str(theirs.get(key, "")))
-        for what, ours, theirs in kinds
+        (*key, str(ours.get(key, "")), str(theirs.get(key, "")))
         for key in dict.fromkeys((*ours, *theirs))
         if ours.get(key) != theirs.get(key)
     )
     return frame(CHANGES, lines)
 
 
-def _configuration(result: Result) -> dict[str, Any]:
+def _facts(result: Result, methods: Iterable[str]) -> dict[tuple[str, str], Any]:
+    """Return all that describes a result and its `methods`: (sort, key) → value. The settings of a
+    method are those for the first capture."""
+    about = result.about
     try:
-        return _flat(plain_toml(result.config))
+        config = plain_toml(result.config)
     # a record, not an input: that it cannot be read must not hide the figures
     except (ValueError, RecursionError):
-        return {"config.toml": "not readable as TOML"}
+        config = {"config.toml": "not readable as TOML"}
+    sorts = {
+        "configuration": config,
+        "settings": {
+            method.name: next(iter(method.config.values()), {})
+            for method in about.methods
+            if method.name in methods
+        },
+        "version": about.versions,
+        "machine": about.machine,
+        "input": {name: digest[:HASH_CHARACTERS] for name, digest in about.inputs.items()},
+    }
+    return {(sort, key): of for sort, facts in sorts.items() for key, of in _flat(facts).items()}
 
 
-def _settings(result: Result, other: Result) -> dict[str, str]:
-    """Return the settings of the methods that `other` has too: "method.key" → value.
-    If a setting differs between captures, its values are joined by " / "."""
-    shared = {method.name for method in other.about.methods}
-    values: dict[str, list[str]] = {}
-    for method in result.about.methods:
-        for config in method.config.values() if method.name in shared else ():
-            for key, value in _flat(config if isinstance(config, dict) else {"": config}).items():
-                values.setdefault(f"{method.name}.{key}", []).append(str(value))
-    return {key: " / ".join(dict.fromkeys(texts)) for key, texts in values.items()}
-
-
-def _inputs(result: Result) -> dict[str, str]:
-    return {name: digest[:HASH_CHARACTERS] for name, digest in result.about.inputs.items()}
-
-
-def _flat(value: Any) -> dict[str, Any]:
+def _flat(value: Any, key: str = "") -> dict[str, Any]:
     """Flatten nested tables and lists of tables: key with dots → value."""
-    return dict(_leaves(value, ""))
-
-
-def _leaves(value: Any, key: str) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        for name, item in value.items():
-            yield from _leaves(item, f"{key}.{name}" if key else str(name))
-    elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
-        for place, item in enumerate(value):
-            name = next(
-                (item[label] for label in ("id", "name", "scene", "path") if label in item), place
+    if isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
+        value = {
+            next((item[name] for name in ("name", "id", "scene", "path") if name in item), place): (
+                item
             )
-            yield from _leaves(item, f"{key}.{name}")
-    else:
-        yield key, value
+            for place, item in enumerate(value)
+        }
+    if not isinstance(value, Mapping):
+        return {key: value}
+    return {
+        path: leaf
+        for name, item in value.items()
+        for path, leaf in _flat(item, f"{key}.{name}" if key else str(name)).items()
+    }

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from handbench.bench.evaluation.depth_errors import error_map
+from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import figures
-from handbench.bench.evaluation.paired import f_test
-from handbench.bench.evaluation.tables import DIFFERENCES, SCORES, TABLE, TASKS, frame
+from handbench.bench.evaluation.scoring_protocols import PAPER
+from handbench.bench.evaluation.tables import SCORES, TASKS, frame
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
-from handbench.bench.results.compare_results import Compared, compare_results, write_compared
+from handbench.bench.results.compare_results import FIRST, Compared, compare_results
 from handbench.bench.results.maps import SurfaceMap, write_surface
 from handbench.bench.results.result_folder import Result
 from handbench.support.errors import HandbenchError
@@ -43,48 +43,44 @@ def result(
     for name, errors in zip(names, errors_mm, strict=True):
         seen = error_map(AXIS_M, AXIS_M, z_m + 1e-3 * errors, z_m)
         lines += [(name, "3fsk", "truth", "", 0, *each) for each in figures(seen).items()]
+        lines.append((name, "3fsk", "", "", 0, "seconds", 0.5))
         write_surface(folder, name, "truth", SurfaceMap(AXIS_M, AXIS_M, z_m))
     repeated_m = 0.3 + 1e-3 * np.random.default_rng(len(names)).normal(size=10)
     lines += [("B", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(repeated_m)]
-    configs = {name: {"step_m": 0.001} for name in names}
     known = {
         "protocol": {"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
         "metrics": metric_facts(),
         "inputs": {},
         "versions": {"handbench": "1"},
-        "machine": {"gemm_gflops": 100.0},
+        "machine": {},
         "captures": tuple(CaptureFacts(name=n, references=("truth",)) for n in names),
-        "methods": (MethodFacts(name="3fsk", title="3-FSK", config=configs),),
+        "methods": (MethodFacts(name="3fsk", title="3-FSK", config={"B": {"step_m": 0.001}}),),
     }
-    table = frame(TABLE, [("seconds", "3fsk", 0.5, 0.4, 0.6, "s", None, "truth")])
+    scores = frame(SCORES, lines)
+    table = main_table(scores, PAPER, 0, with_paper=False)
     about = About(name="flat", **(known | facts))
     config = 'name = "flat"\n[[method]]\nid = "3fsk"\n'
-    return Result(folder, about, table, frame(TASKS), frame(SCORES, lines), config)
+    return Result(folder, about, table, frame(TASKS), scores, config)
 
 
 def line(compared: Compared, metric: str = "mae_mm") -> Any:
     """The line of a metric's mean over the captures."""
     means = compared.differences[compared.differences.capture == ""]
-    [found] = means[means.metric == metric].itertuples()
-    return found
+    [mean] = means[means.metric == metric].itertuples()
+    return mean
 
 
 def test_a_result_does_not_differ_from_itself(tmp_path):
     a = result(tmp_path, speckle(0))
     compared = compare_results(a, a)
     means = compared.differences[compared.differences.capture == ""]
-    first = ["mae_mm", "max_mm", "complete_2mm_percent", "precision_mm", "seconds"]
-    assert means.metric.tolist() == [*first, "observed_percent"]
+    assert means.metric.tolist() == [*FIRST, "observed_percent"]
     for d in means[means.metric != "seconds"].itertuples():
-        assert (d.difference, d.low, d.high, d.better) == (0, 0, 0, "")
-        assert d.a == d.b and str(d.difference) == "0.0"
-        assert d.p_corrected == 1 or d.untested == "each on its own pixels"
+        assert (d.difference, d.low, d.high, d.better) == (0, 0, 0, "") and d.a == d.b
+        assert d.p_corrected == 1 or d.untested
     assert compared.changes.empty
-    write_compared(tmp_path / "out", compared)
-    header, *lines = (tmp_path / "out" / "compare.csv").read_text("utf-8").splitlines()
-    assert header.split(",") == list(DIFFERENCES)
-    # the mean and 6 captures of each error, 1 of the precision, and the median of the time
-    assert len(lines) == 4 * (1 + 6) + (1 + 1) + 1
+    # the mean and 6 captures of each error and the time, and one hand with repeats
+    assert len(compared.differences) == 5 * (1 + 6) + (1 + 1)
 
 
 def test_known_differences_are_found_with_their_size(tmp_path):
@@ -109,6 +105,10 @@ def test_other_captures_are_two_samples(tmp_path, names, shift_m):
     compared = compare_results(a, result(tmp_path / "b", 3 * speckle(1), names, shift_m))
     d = line(compared)
     assert not d.paired and d.better == "A" and d.low < d.difference < d.high
+    captures = compared.differences[compared.differences.metric == "mae_mm"][1:]
+    sides = captures.set_index("capture")
+    assert sides.a.notna().sum() == sides.b.notna().sum() == 6
+    assert set(sides.index) == {*NAMES, *names}
 
 
 @pytest.mark.parametrize(
@@ -123,10 +123,10 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     for name in NAMES[1:]:
         surface = SurfaceMap(AXIS_M, AXIS_M, fewer_m)
         write_surface(tmp_path / side, name, "truth", surface)
-    compared = compare_results(found["a"], found["b"])
-    assert line(compared).paired == same
+    d = line(compare_results(found["a"], found["b"]))
+    assert d.paired == same
     if same:
-        assert line(compared).difference == 0 and line(compared).n_a == line(compared).n_b == 5
+        assert d.difference == 0 and d.n_a == d.n_b == 5
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -138,48 +138,21 @@ def test_every_capture_has_its_figures_where_there_is_no_test(tmp_path, count):
     compared = compare_results(a, b)
     of_captures = compared.differences[compared.differences.capture != ""].set_index("metric")
     for metric in ("mae_mm", "max_mm"):
-        mean, found = line(compared, metric), of_captures.loc[[metric]]
+        mean, each = line(compared, metric), of_captures.loc[[metric]]
         assert (mean.a, mean.difference) == pytest.approx((1, (count + 1) / 2))
-        assert found.capture.tolist() == list(names)
-        assert found.difference.tolist() == pytest.approx(list(range(1, count + 1)))
+        assert each.capture.tolist() == list(names)
+        assert each.difference.tolist() == pytest.approx(list(range(1, count + 1)))
         assert mean.untested and np.isnan(mean.p_corrected) and mean.better == ""
 
 
-def test_different_captures_have_figures_on_one_side_each(tmp_path):
-    """And what only one result has, a method and frames, is named."""
-    a = result(tmp_path / "a", speckle(0))
-    b = result(tmp_path / "b", speckle(1), tuple("GHIKLM"))
-    more = MethodFacts(name="joint", title="joint", config={})
-    later = a.scores[a.scores.metric == "mae_mm"].assign(frame=1)
-    a = changed(a, methods=(*a.about.methods, more))
-    compared = compare_results(replace(a, scores=pd.concat([a.scores, later])), b)
-    assert len(compared.basis) == 3 and "joint" in compared.basis[1]
-    mae = compared.differences[compared.differences.metric == "mae_mm"].set_index("capture")
-    assert mae.a.notna().tolist() == [True] * 7 + [False] * 6
-    assert mae.b.notna().tolist() == [True] + [False] * 6 + [True] * 6
-
-
-def test_too_few_captures_are_not_tested(tmp_path):
-    """Three; and of six one in which the method saw something, or none."""
+def test_a_capture_without_figures_is_not_tested(tmp_path):
+    """Of six captures one in which the method saw something, or none."""
     a, lonely = result(tmp_path / "a", speckle(0)), np.full((6, 36, 36), np.nan)
-    three = (result(tmp_path / str(add), 1.0 + speckle(0, 3) + add, NAMES[:3]) for add in (0, 1))
-    pairs = [(*three,), (a, result(tmp_path / "none", lonely))]
+    none = result(tmp_path / "none", lonely)
     lonely[0] = 1.0
-    pairs.append((a, result(tmp_path / "one", lonely)))
-    for one, other in pairs:
-        d = line(compare_results(one, other))
+    for other in (none, result(tmp_path / "one", lonely)):
+        d = line(compare_results(a, other))
         assert np.isnan([d.p_corrected, d.low, d.high]).all() and d.untested and not d.better
-
-
-def test_precisions_are_compared_by_the_f_test():
-    """Whichever comes first, at the table's 5 % points of F(20, 20), 2.464; and not of nothing."""
-    unit = 1e-3 * np.tile([-1.0, 1.0, 0.0], 7)
-    more = np.sqrt(2.4645) * unit
-    for a, b in ((unit, more), (more, unit)):
-        assert f_test([a], [b]).p == pytest.approx(0.05, rel=2e-3)
-    found = f_test([unit], [more]).difference
-    assert found == pytest.approx(1e3 * (np.sqrt(2.4645) - 1) * np.std(unit, ddof=1))
-    assert np.isnan(f_test([], [unit]).difference) and np.isnan(f_test([np.zeros(5)], [unit]).p)
 
 
 def changed(a: Result, **facts: object) -> Result:
@@ -188,29 +161,30 @@ def changed(a: Result, **facts: object) -> Result:
 
 def test_what_else_differs_is_named(tmp_path):
     a = result(tmp_path, speckle(0), inputs={"B": "a" * 64, "F": "b" * 64})
-    config = {"B": {"step_m": 0.002}, "F": {"step_m": 0.002}, "U": {"step_m": 0.001}}
+    method = a.about.methods[0].model_copy(update={"config": {"B": {"step_m": 0.002}}})
     b = changed(
         replace(a, config='name = "flat"\n[[method]]\nid = "3fsk"\nprecision = true\n'),
         versions={"handbench": "2"},
         machine={"gemm_gflops": 50.0},
         inputs={"B": "c" * 64, "F": "b" * 64},
-        methods=(a.about.methods[0].model_copy(update={"config": config}),),
+        methods=(method,),
     )
-    compared = compare_results(a, b)
-    assert list(compared.changes.itertuples(index=False, name=None)) == [
+    assert sorted(compare_results(a, b).changes.itertuples(index=False, name=None)) == [
         ("configuration", "method.3fsk.precision", "", "True"),
-        ("settings", "3fsk.step_m", "0.001", "0.002 / 0.001"),
-        ("version", "handbench", "1", "2"),
-        ("machine", "gemm_gflops", "100.0", "50.0"),
         ("input", "B", "a" * 12, "c" * 12),
+        ("machine", "gemm_gflops", "", "50.0"),
+        ("settings", "3fsk.step_m", "0.001", "0.002"),
+        ("version", "handbench", "1", "2"),
     ]
-    slower = frame(TABLE, [("seconds", "3fsk", 1.5, 1.2, 1.9, "s", None, "truth")])
-    compared = compare_results(a, replace(b, table=slower))
-    time = line(compared, "seconds")
+
+
+def test_times_are_those_of_the_table_and_not_tested(tmp_path):
+    a = result(tmp_path, speckle(0))
+    slower = a.table.assign(low=1.2, value=1.5, high=1.9)
+    time = line(compare_results(a, replace(a, table=slower)), "seconds")
     ends = time.a, time.a_low, time.a_high, time.b, time.b_low, time.b_high
-    assert ends == (0.5, 0.4, 0.6, 1.5, 1.2, 1.9) and time.difference == 1
-    assert time.better == ""
-    assert (compared.a.gemm_gflops, compared.b.gemm_gflops) == (100, 50)
+    assert ends == (0.5, 0.5, 0.5, 1.5, 1.2, 1.9) and time.difference == 1
+    assert time.untested and time.better == ""
 
 
 def test_refuses_what_does_not_compare(tmp_path):

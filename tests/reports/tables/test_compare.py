@@ -71,11 +71,11 @@ def test_markdown_escapes_and_marks_what_is_better(compared):
     for block in (maes, times):  # a row for each method's mean, and for its captures
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}) == 1
     assert maes.count("\n") == 2 + 4 * (1 + 5)
-    assert "B (50 GFLOP/s)" in times and times.count("\n") == 2 + 4
+    assert "| B / A |" in times and times.count("\n") == 2 + 4 * (1 + 1)
     equal = comparison.markdown(
         replace(compared, changes=frame(CHANGES), differences=frame(DIFFERENCES))
     )
-    assert "- no difference was tested" in equal and "Nothing." in equal
+    assert "nothing" in equal
 
 
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path, capsys):
@@ -91,19 +91,10 @@ def test_the_command_writes_four_files(result_folder, other_folder, tmp_path, ca
     run(result_folder, other_folder, "--json")
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((out / "compare.json").read_text("utf-8"))
-    assert printed["a"]["name"] == "synthetic" and len(printed["differences"]) == len(lines)
+    assert printed["a"] == str(result_folder) and len(printed["differences"]) == len(lines)
     with pytest.raises(HandbenchError, match="exists already"):
         run(result_folder, other_folder, "-o", out)
     run(result_folder, other_folder, "-o", out, "--overwrite")
-
-
-def test_the_command_refuses_what_would_harm(result_folder, tmp_path):
-    before = sorted(p.name for p in result_folder.iterdir())
-    with pytest.raises(HandbenchError, match="is a result folder, which"):
-        run(result_folder, result_folder, "-o", result_folder, "--overwrite")
     with pytest.raises(HandbenchError, match="expected a folder with a benchmark's result"):
-        run(result_folder, tmp_path / "nothing", "-o", tmp_path / "out")
-    assert (
-        sorted(p.name for p in result_folder.iterdir()) == before
-        and not (tmp_path / "out").exists()
-    )
+        run(result_folder, tmp_path / "nothing", "-o", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
