@@ -151,10 +151,6 @@ class Pixels:
         """The mean distance of the reference's points to the map."""
         return np.where(self.surface, self._to_map_m, 0.0).sum() / self.n_surface
 
-    def right(self, mm: float) -> int:
-        """Count the observed pixels with an error of at most `mm` millimetres."""
-        return int((self.seen_m <= 1e-3 * mm).sum())
-
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
     """Compute the standard deviation (n − 1) of each pixel's depth over repeated frames, z_m [n ≥

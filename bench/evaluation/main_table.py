@@ -1,6 +1,9 @@
 """The main table of a result, a function of its scores: each figure with its interval, its unit and
 the value of the paper."""
 
+from typing import Any
+
+import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.combine import MethodScores
@@ -20,9 +23,11 @@ def main_table(
     own = scores[scores.treatment == ""]
     for reference in REFERENCES:
         lines = own[own.reference.isin((reference, ""))]
-        captures = lines.groupby("metric").capture.unique().to_dict()
+        captures: dict[Any, np.ndarray] = lines.groupby("metric").capture.unique().to_dict()
         for method in lines.method[lines.reference == reference].unique():
-            of_method = dict(iter(lines[lines.method == method].groupby("metric")))
+            of_method: dict[Any, pd.DataFrame] = dict(
+                iter(lines[lines.method == method].groupby("metric"))
+            )
             method_scores = MethodScores(of_method, captures, seed)
             for metric in (m for m in METRICS.values() if m.key in protocol.metrics):
                 figure = metric.combine(metric, method_scores)

@@ -125,6 +125,12 @@ def within(values: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return np.where(np.isnan(limits), np.nan, values <= limits)
 
 
+def share_right(mm: float, pixels: Callable[[Pixels], np.float64]) -> Callable[[Pixels], Any]:
+    """Return a function of one map: the share of its pixels, in percent, that are observed with an
+    error of at most `mm` millimetres. pixels: the number that is 100 %."""
+    return lambda p: 100 * (p.seen_m <= 1e-3 * mm).sum() / pixels(p)
+
+
 def mean(values: np.ndarray) -> np.float64:
     """Return the mean of `values` [n]; NaN if there are none."""
     return values.sum() / np.float64(len(values))
@@ -250,7 +256,7 @@ for _mm in F_MM:
         "higher",
         f"share of the reference's pixels that are observed with |z − z_ref| ≤ {_mm} mm: seen and "
         "right",
-        lambda p, mm=_mm: 100 * p.right(mm) / p.n_surface,
+        share_right(_mm, lambda p: p.n_surface),
         shown="main summary readme compare" if _mm == 2 else "",
     )
 metric(
@@ -323,7 +329,7 @@ for _mm in F_MM:
         "%",
         "higher",
         f"share of the map's judged pixels, false alarms among them, with |z − z_ref| ≤ {_mm} mm",
-        lambda p, mm=_mm: 100 * p.right(mm) / p.n_judged,
+        share_right(_mm, lambda p: p.n_judged),
     )
 for _mm in F_MM:
     metric(
@@ -332,7 +338,7 @@ for _mm in F_MM:
         "%",
         "higher",
         f"harmonic mean of accuracy and completeness at {_mm} mm",
-        lambda p, mm=_mm: 200 * p.right(mm) / (p.n_surface + p.n_judged),
+        share_right(_mm, lambda p: (p.n_surface + p.n_judged) / 2),
     )
 metric(
     "velocity_mae_mm_s",

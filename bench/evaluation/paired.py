@@ -13,7 +13,7 @@ from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pix
 from handbench.bench.evaluation.intervals import FEWEST, TAILS, counted, mean_interval
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS
 from handbench.bench.evaluation.repeats import deviation, mean_deviation
-from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform
+from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform, each
 
 ROUNDING = 1e-9  # of the figures: smaller scatter and smaller differences are roundings
 
@@ -91,8 +91,8 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
     ratio = b / a
     distribution = stats.f(freedom_b, freedom_a)
     p = 2 * min(distribution.cdf(ratio**2), distribution.sf(ratio**2))
-    ends = a * (ratio / np.sqrt(distribution.ppf(TAILS[::-1])) - 1)
-    return Difference(b - a, *ends.tolist(), float(min(p, 1)))
+    low, high = a * (ratio / np.sqrt(distribution.ppf(TAILS[::-1])) - 1)
+    return Difference(b - a, float(low), float(high), float(min(p, 1)))
 
 
 def compare(
@@ -134,7 +134,7 @@ def compare(
     names = {method: method for method in figures} | dict(titles or {})
     table["sentence"] = [
         finding(names[line.better], names[line.worse], title, line, counted(line.n_captures))
-        for line in table.itertuples()
+        for line in each(table)
     ]
     return conform(table, COMPARISONS)
 

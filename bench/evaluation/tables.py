@@ -206,7 +206,7 @@ def _typed(cells: pd.Series, kind: type) -> pd.Series:
     real = ~np.isfinite(numbers) & (cells != "")
     wrong = real if kind is float else numbers.isna() | (numbers % 1 != 0)
     if wrong.any():
-        line = wrong.idxmax()
+        line = int(wrong.to_numpy().argmax())
         raise ValueError(
             f"in line {line + 2}, '{cells.name}' is {cells[line][:60]!r}; expected {EXPECTED[kind]}"
         )
