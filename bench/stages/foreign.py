@@ -8,16 +8,13 @@ not against a malicious program.
 
 from __future__ import annotations
 
-import ctypes
 import os
 import shlex
-import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Sequence
-from contextlib import suppress
-from functools import partial
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -33,7 +30,6 @@ from handbench.radar.methods.fsk_config import PixelsConfig
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside, read_npz, write_json
-from handbench.support.parallel import PR_SET_PDEATHSIG
 from handbench.support.store import Input, Stage, stage
 
 if TYPE_CHECKING:
@@ -171,7 +167,7 @@ def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
 
 def _run(command: list[str], folder: str, limit_s: float) -> float:
     """Run a command in a folder and return its duration, s. All processes of its process group are
-    killed at its end.
+    killed at its end, and when this process ends.
     Raises HandbenchError if the command does not start, takes longer than limit_s, or ends with an
     error."""
     with tempfile.TemporaryFile() as output:
@@ -185,7 +181,6 @@ def _run(command: list[str], folder: str, limit_s: float) -> float:
                 cwd=folder,
                 env={name: value for name, value in os.environ.items() if name in VARIABLES},
                 start_new_session=True,
-                preexec_fn=partial(_end_with, os.getpid()),
             )
         except OSError as error:
             raise HandbenchError(
@@ -193,16 +188,15 @@ def _run(command: list[str], folder: str, limit_s: float) -> float:
                 "install it"
             ) from None
         try:
-            code = child.wait(limit_s)
-            seconds = time.perf_counter() - start
+            with _killed(child.pid):
+                code = child.wait(limit_s)
+                seconds = time.perf_counter() - start
         except subprocess.TimeoutExpired:
             raise HandbenchError(
                 f"the command took more than {limit_s:g} s and was stopped; make it faster, or "
                 "raise limit_s"
             ) from None
         finally:
-            with suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
             child.wait()
         if code != 0:
             raise HandbenchError(
@@ -211,11 +205,15 @@ def _run(command: list[str], folder: str, limit_s: float) -> float:
     return seconds
 
 
-def _end_with(parent: int) -> None:
-    """Let the system kill this process when the process with the id `parent` ends."""
-    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
+@contextmanager
+def _killed(group: int) -> Iterator[None]:
+    """Context manager that kills a process group when its block ends, or this process does.
+    A shell waits for the end of the pipe that this process holds, and kills the group then."""
+    words = ["sh", "-c", 'read _; kill -KILL "-$1"', "sh", str(group)]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True
+    ):
+        yield
 
 
 def _last_line(output: BinaryIO) -> str:
