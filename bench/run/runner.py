@@ -7,6 +7,7 @@ goes on without it.
 """
 
 import random
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
@@ -86,7 +87,7 @@ def run(
             captures=captures,
             targets=targets,
             engine=engine,
-            images=images,
+            images=by_pair(images),
             qualities=qualities,
             references={name: tuple(of) for name, of in surfaces.items()},
             scores=scores,
@@ -223,6 +224,14 @@ def image(
             random.Random(f"{bench.seed} {number}").shuffle(stages)
         images += engine.perform(stages).items()
     return images
+
+
+def by_pair(images: Sequence[Imaged]) -> dict[tuple[str, str], list[Imaged]]:
+    """Return the stages of imaging by capture and method; none for other pairs."""
+    pairs = defaultdict[tuple[str, str], list[Imaged]](list)
+    for stage, folder in images:
+        pairs[stage.capture, stage.method].append((stage, folder))
+    return pairs
 
 
 def imaging_stages(

@@ -2,7 +2,7 @@
 maps."""
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -59,30 +59,20 @@ Imaged = tuple[Stage, Path]  # a finished stage of imaging, and its folder
 class RunOutcome:
     """Everything that a run made.
     targets: captures of the calibration target. engine: what the stages cost, and which failed.
-    images: the finished stages of imaging; qualities: those of the ground truth's sweep.
-    references: capture → names of its references. scores: capture → folder of its scores. meshes:
-    capture → folder with the mesh of its photographs. facts: entries of result.json."""
+    images: (capture, method) → the finished stages that imaged it; qualities: those of the ground
+    truth's sweep. references: capture → names of its references. scores: capture → folder of its
+    scores. meshes: capture → folder with the mesh of its photographs. facts: of result.json."""
 
     bench: BenchFile
     captures: list[RunCapture]
     targets: list[RunCapture]
     engine: Engine
-    images: list[Imaged]
+    images: Mapping[tuple[str, str], list[Imaged]]
     qualities: list[Imaged]
     references: dict[str, tuple[str, ...]]
     scores: dict[str, Path]
     meshes: dict[str, Path]
     facts: dict[str, Any]
-
-    def imaged(self, capture: str, method: str, *names: str) -> list[Imaged]:
-        """Return the finished stages that imaged a capture by a method. names: of the stages
-        (none: all)."""
-        return [
-            (stage, folder)
-            for stage, folder in self.images
-            if (stage.capture, stage.method) == (capture, method)
-            and (not names or stage.name in names)
-        ]
 
 
 def write(folder: Path, outcome: RunOutcome, config: str) -> None:
@@ -124,7 +114,8 @@ def write(folder: Path, outcome: RunOutcome, config: str) -> None:
 def _copy_maps(folder: Path, outcome: RunOutcome, capture: str, method: str) -> None:
     """Copy a method's depth map of a capture and its errors into the result folder, and write the
     depths and velocities of all frames."""
-    [(_, imaged)] = outcome.imaged(capture, method, "reconstruct")
+    images = outcome.images[capture, method]
+    [imaged] = [made for stage, made in images if stage.name == "reconstruct"]
     _copy(imaged / DEPTH, depth_path(folder, capture, method))
     if frames := _frames(imaged):
         write_frames(folder, capture, method, frames)
@@ -158,7 +149,9 @@ def collect_scores(outcome: RunOutcome, subset: CommonSubset) -> pd.DataFrame:
     rows: list[tuple[Any, ...]] = []
     pixels: list[tuple[Any, ...]] = []
     for capture, method in product((capture.name for capture in subset.repeated), labels):
-        for _, folder in outcome.imaged(capture, method, "repeat"):
+        for stage, folder in outcome.images[capture, method]:
+            if stage.name != "repeat":
+                continue
             strongest_z_m, deviations = read_repeats(folder)
             rows += [
                 (capture, method, "", "", number, STRONGEST, float(z_m))
@@ -170,7 +163,7 @@ def collect_scores(outcome: RunOutcome, subset: CommonSubset) -> pd.DataFrame:
     for capture, method in product((capture.name for capture in subset.all_captures), labels):
         seconds = [
             value
-            for _, folder in outcome.imaged(capture, method)
+            for _, folder in outcome.images[capture, method]
             for value in read_times(folder)["seconds"]
         ]
         rows += [(capture, method, "", "", n, "seconds", value) for n, value in enumerate(seconds)]
@@ -241,7 +234,7 @@ def about(
 def _method_facts(outcome: RunOutcome, subset: CommonSubset, entry: MethodEntry) -> MethodFacts:
     """Return a method's facts for result.json, with its complete configuration on each capture."""
     names = [capture.name for capture in subset.all_captures]
-    images = {name: outcome.imaged(name, entry.label) for name in names}
+    images = {name: outcome.images[name, entry.label] for name in names}
     config = {name: images[name][0][0].arguments["config"] for name in names if images[name]}
     return MethodFacts(
         name=entry.label, id=entry.id, title=entry.title or entry.label, config=config

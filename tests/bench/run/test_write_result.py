@@ -18,6 +18,7 @@ from handbench.bench.results.maps import depth_path
 from handbench.bench.run.captures import RunCapture
 from handbench.bench.run.common import common_subset
 from handbench.bench.run.engine import Engine
+from handbench.bench.run.runner import by_pair
 from handbench.bench.run.write_result import Imaged, RunOutcome, write
 from handbench.bench.stages.reconstruct import DEPTH, TIMING, reconstruct
 from handbench.bench.stages.score import score_capture
@@ -61,7 +62,7 @@ def write_plate(small_bench, tmp_path):
             captures=[RunCapture(folder, "0" * 64, CaptureFile(name="plate"))],
             targets=[],
             engine=Engine(tmp_path, None, Work(0), []),
-            images=images,
+            images=by_pair(images),
             qualities=[],
             references={"plate": tuple(files)},
             scores={"plate": tmp_path / "scored"},
