@@ -25,8 +25,8 @@ BENCH, CAPTURES = "bench.toml", "captures"
 def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
     """Simulate all scenes of a benchmark into a folder that can be distributed; return their
     number.
-    name: a benchmark file, or the name of a benchmark that is installed with handbench. If an
-    earlier call was interrupted, the captures that it finished are kept. overwrite: replace the
+    name: a benchmark file, or the name of a benchmark that is installed with handbench. Captures
+    that an earlier call for the same benchmark finished are kept. overwrite: replace the
     captures in the folder. Raises HandbenchError if the benchmark has a capture that is not a
     scene, or if the folder has other files."""
     bench, base = load_benchmark(name)
@@ -44,7 +44,7 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
                 f"{name}: two captures are named '{scene.name}'; give each its own name"
             )
         scenes[scene.name] = scene, file.parent, bench.frames_of(source)
-    _start(folder, _of_captures(bench, name, list(scenes)), list(scenes), overwrite)
+    _start(folder, _of_captures(bench, name, list(scenes)), overwrite)
     left = {
         folder / CAPTURES / name: scene
         for name, scene in scenes.items()
@@ -80,24 +80,18 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
     return tomlkit.dumps(content)
 
 
-def _start(folder: Path, text: str, names: list[str], overwrite: bool) -> None:
-    """Write the benchmark file `text` into a folder that is new, empty, or left by an interrupted
-    call with the same text.
-    names: of its captures. overwrite: delete all captures that the folder has. Raises
-    HandbenchError if the folder has other files, or captures that must not be overwritten."""
+def _start(folder: Path, text: str, overwrite: bool) -> None:
+    """Write the benchmark file `text` into a folder that is new, empty, or has a set of captures
+    with the same text, whose captures are kept.
+    overwrite: delete all captures that the folder has. Raises HandbenchError if the folder has
+    other files."""
     file, captures = folder / BENCH, folder / CAPTURES
-    if folder.exists() and any(folder.iterdir()):
-        if not file.is_file():
-            raise HandbenchError(
-                f"{folder}: has files but no {BENCH}; choose another folder for -o"
-            )
-        done = all((captures / name).is_dir() for name in names)
-        done = done or file.read_text("utf-8", "replace") != text
-        if done and not overwrite:
-            raise HandbenchError(
-                f"{folder}: has a set of captures already; choose another folder for -o, or use "
-                "--overwrite to replace it"
-            )
-        if overwrite and is_owned_folder(captures):
-            drop(captures, [path.name for path in captures.glob("[!.]*")])
+    same = file.is_file() and (overwrite or file.read_text("utf-8", "replace") == text)
+    if folder.exists() and any(folder.iterdir()) and not same:
+        raise HandbenchError(
+            f"{folder}: has files of something else; choose another folder for -o, or use "
+            "--overwrite to replace a set of captures"
+        )
+    if overwrite and is_owned_folder(captures):
+        drop(captures, [path.name for path in captures.glob("[!.]*")])
     write_text(file, text)
