@@ -104,52 +104,35 @@ class Pixels:
     """The pixels of an error map that have an error, a reference or a distance, in one row [n]; the
     others add nothing to any metric.
 
-    observed, surface, judged [n]: whether the pixel has an error, a reference, and a judgement of
-    the map's point; n_observed, n_surface, n_judged: how many have (NaN instead of no surface, and
-    where nothing could be judged). error_m, absolute_m, depth_m [n]: error, its absolute value and
-    the depth of the reference, 0 where not observed. seen_m, sigma_m: absolute errors of the
-    observed pixels, and standard deviations of the reference there."""
+    observed, judged [n]: whether the pixel has an error, and a judgement of the map's point.
+    n_observed, n_surface, n_judged: how many have an error, a reference (NaN instead of no surface)
+    and a judgement (NaN where nothing could be judged). error_m, absolute_m, depth_m [n]: error,
+    its absolute value and the depth of the reference, 0 where not observed. seen_m, sigma_m:
+    absolute errors of the observed pixels, and standard deviations of the reference there. mean_m,
+    mean_square_m2: mean absolute and mean square error. to_reference_m, to_map_m: mean distance of
+    the map's judged points to the reference, and of the reference's points to the map."""
 
     def __init__(self, errors: ErrorMap) -> None:
-        given = (errors.error_m, errors.reference_z_m, errors.to_reference_m)
-        used = np.logical_or.reduce([~np.isnan(values) for values in given if values is not None])
-
-        def row(values: np.ndarray | None) -> np.ndarray:
-            return np.full(used.sum(), np.nan) if values is None else values[used]
-
-        error_m, reference_z_m, self._to_reference_m = map(row, given)
-        self._to_map_m = row(errors.to_map_m)
+        unknown = np.full(errors.error_m.shape, np.nan)
+        maps = [unknown if of is None else of for of in list(vars(errors).values())[2:]]
+        error_m, z_m, sigma_m, to_reference_m, to_map_m = maps
+        used = ~np.isnan([error_m, z_m, to_reference_m]).all(axis=0)
+        error_m, z_m, sigma_m, to_reference_m, to_map_m = (of[used] for of in maps)
         self.observed = np.isfinite(error_m)
-        self.surface = np.isfinite(reference_z_m)
-        self.judged = ~np.isnan(self._to_reference_m)
+        self.judged = ~np.isnan(to_reference_m)
+        surface = np.isfinite(z_m)
         self.error_m = np.where(self.observed, error_m, 0.0)
         self.absolute_m = np.abs(self.error_m)
-        self.depth_m = np.where(self.observed, reference_z_m, 0.0)
+        self.depth_m = np.where(self.observed, z_m, 0.0)
         self.seen_m = self.absolute_m[self.observed]
-        self.sigma_m = row(errors.sigma_m)[self.observed]
+        self.sigma_m = sigma_m[self.observed]
         self.n_observed = np.float64(self.observed.sum())
-        self.n_surface = np.float64(self.surface.sum() or np.nan)
-        self.n_judged = np.float64(np.nan if given[2] is None else self.judged.sum())
-
-    @property
-    def mean_m(self) -> np.float64:
-        """The mean absolute error."""
-        return self.absolute_m.sum() / self.n_observed
-
-    @property
-    def mean_square_m2(self) -> np.float64:
-        """The mean square error."""
-        return (self.error_m**2).sum() / self.n_observed
-
-    @property
-    def to_reference_m(self) -> np.float64:
-        """The mean distance of the map's judged points to the reference."""
-        return np.where(self.judged, self._to_reference_m, 0.0).sum() / self.n_judged
-
-    @property
-    def to_map_m(self) -> np.float64:
-        """The mean distance of the reference's points to the map."""
-        return np.where(self.surface, self._to_map_m, 0.0).sum() / self.n_surface
+        self.n_surface = np.float64(surface.sum() or np.nan)
+        self.n_judged = np.float64(np.nan if errors.to_reference_m is None else self.judged.sum())
+        self.mean_m = self.absolute_m.sum() / self.n_observed
+        self.mean_square_m2 = (self.error_m**2).sum() / self.n_observed
+        self.to_reference_m = np.where(self.judged, to_reference_m, 0.0).sum() / self.n_judged
+        self.to_map_m = np.where(surface, to_map_m, 0.0).sum() / self.n_surface
 
 
 def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:

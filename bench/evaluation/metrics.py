@@ -9,7 +9,7 @@ table is in `combine`. A few are made from the scores of others alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -38,27 +38,34 @@ F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 NORMAL_MEAN = float(np.sqrt(2 / np.pi))  # mean of |e| over σ, for a normal e
 
 
+METRICS: dict[str, Metric] = {}  # in the order of the tables
+
+
 @dataclass(frozen=True)
 class Metric:
-    """Definition of one metric.
+    """Definition of one metric, which METRICS lists from then on.
     key: its name in code and files; title: its name for readers. better: whether lower or higher
     values are better ("zero": values nearer to zero). of, of_velocities: function that computes it
     from the pixels or the radial velocities of one map, NaN or infinite if undefined. combine:
-    makes the figure of the main table from the scores of a method. shown: the tables that show it,
-    besides table.csv: main (terminal, LaTeX column), summary (report), readme, compare, frames (of
-    every frame), common (on the pixels that all methods see), motion. paper: method → the figure
-    that the paper states."""
+    makes the figure of the main table from the scores of a method. shown: the tables that show it
+    besides table.csv, separated by blanks: main (terminal, LaTeX column), summary (report), readme,
+    compare, frames (of every frame), common (on the pixels that all methods see), motion. paper:
+    method → the figure that the paper states."""
 
     key: str
     title: str
     unit: str
     better: Better
     definition: str
-    of: Callable[[Pixels], Any] | None
-    of_velocities: Callable[[VelocityErrors], Any] | None
-    combine: Combine
-    shown: frozenset[str]
-    paper: dict[str, float]
+    of: Callable[[Pixels], Any] | None = None
+    _: KW_ONLY
+    of_velocities: Callable[[VelocityErrors], Any] | None = None
+    combine: Combine = mean_of_captures
+    shown: str = ""
+    paper: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        METRICS[self.key] = self
 
     def interval(self, values: Sequence[float] | np.ndarray) -> Interval | None:
         """Compute the 95 % interval of the metric's mean from its value on each capture [n], cut to
@@ -74,40 +81,18 @@ class Metric:
         return Interval(max(interval.low, least), min(interval.high, most))
 
 
-METRICS: dict[str, Metric] = {}  # in the order of the tables
-
-
-def metric(
-    key: str,
-    title: str,
-    unit: str,
-    better: Better,
-    definition: str,
-    of: Callable[[Pixels], Any] | None = None,
-    *,
-    of_velocities: Callable[[VelocityErrors], Any] | None = None,
-    combine: Combine = mean_of_captures,
-    shown: str = "",
-    paper: dict[str, float] | None = None,
-) -> None:
-    """Register a metric. shown: names of tables, separated by blanks. See `Metric`."""
-    places = frozenset(shown.split())
-    METRICS[key] = Metric(
-        key, title, unit, better, definition, of, of_velocities, combine, places, paper or {}
-    )
-
-
 def chosen(place: str) -> list[str]:
     """Return the metrics that a table shows, in their order. place: see `Metric.shown`."""
-    return [key for key, metric in METRICS.items() if place in metric.shown]
+    return [key for key, metric in METRICS.items() if place in metric.shown.split()]
 
 
 def figures(errors: ErrorMap, velocities: VelocityErrors | None = None, place: str = "") -> Values:
     """Compute the metrics of one map: metric → figure in its unit, None if undefined.
     velocities: errors of the map's radial velocities; None: it has none. place: compute only the
     metrics shown there."""
-    pixels, values = Pixels(errors), dict[str, Any]()
+    values: dict[str, Any] = {}
     with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = Pixels(errors)
         for key in chosen(place) if place else METRICS:
             if of := METRICS[key].of:
                 values[key] = of(pixels)
@@ -117,12 +102,6 @@ def figures(errors: ErrorMap, velocities: VelocityErrors | None = None, place: s
         key: (value if isinstance(value, int) else float(value)) if np.isfinite(value) else None
         for key, value in values.items()
     }
-
-
-def within(values: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Tell for each of `values` [n] whether it is at most its limit: 1 or 0; NaN where the limit is
-    unknown."""
-    return np.where(np.isnan(limits), np.nan, values <= limits)
 
 
 def share_right(mm: float, pixels: Callable[[Pixels], np.float64]) -> Callable[[Pixels], Any]:
@@ -146,7 +125,7 @@ def quantile(values: np.ndarray, share: float) -> float:
 # repeats) and the relative values of its text. The relative accuracy follows from the MAE:
 # 100·(1 − 1.7 mm / 0.3 m) = 99.4 %. The relative precisions follow from no one distance: at 0.3 m,
 # 3.6 mm would be 98.8 % and 0.3 mm 99.9 %. They are kept as printed.
-metric(
+Metric(
     "mae_mm",
     "MAE",
     "mm",
@@ -156,7 +135,7 @@ metric(
     shown="main summary readme compare frames common motion",
     paper={"2fsk": 6.6, "3fsk": 1.7, "broadband": 1.0, "narrowband": 13.4},
 )
-metric(
+Metric(
     "floor_mm",
     "ground-truth floor",
     "mm",
@@ -169,7 +148,7 @@ metric(
     combine=mean_of_floors,
     shown="main readme",
 )
-metric(
+Metric(
     "max_mm",
     "MAX of AE",
     "mm",
@@ -179,7 +158,7 @@ metric(
     shown="main readme compare frames common",
     paper={"2fsk": 39.2, "3fsk": 28.8, "broadband": 32.0, "narrowband": 64.9},
 )
-metric(
+Metric(
     "pooled_mae_mm",
     "pooled MAE",
     "mm",
@@ -187,7 +166,7 @@ metric(
     "mean of |z − z_ref| over the observed pixels of all captures together",
     combine=pooled_mae,
 )
-metric(
+Metric(
     "pooled_max_mm",
     "pooled MAX of AE",
     "mm",
@@ -195,7 +174,7 @@ metric(
     "largest |z − z_ref| of the observed pixels of all captures together",
     combine=pooled_max,
 )
-metric(
+Metric(
     "rmse_mm",
     "RMSE",
     "mm",
@@ -203,7 +182,7 @@ metric(
     "square root of the mean of (z − z_ref)² over the observed pixels",
     lambda p: 1e3 * np.sqrt(p.mean_square_m2),
 )
-metric(
+Metric(
     "median_mm",
     "median of AE",
     "mm",
@@ -212,7 +191,7 @@ metric(
     lambda p: 1e3 * quantile(p.seen_m, 0.5),
     shown="common",
 )
-metric(
+Metric(
     "p95_mm",
     "95th percentile of AE",
     "mm",
@@ -221,7 +200,7 @@ metric(
     lambda p: 1e3 * quantile(p.seen_m, 0.95),
     shown="common",
 )
-metric(
+Metric(
     "bias_mm",
     "bias",
     "mm",
@@ -230,7 +209,7 @@ metric(
     lambda p: 1e3 * p.error_m.sum() / p.n_observed,
     shown="common",
 )
-metric(
+Metric(
     "relative_accuracy_percent",
     "relative accuracy",
     "%",
@@ -239,7 +218,7 @@ metric(
     lambda p: 100 * (1 - p.absolute_m.sum() / p.depth_m.sum()),
     paper={"3fsk": 99.4},
 )
-metric(
+Metric(
     "observed_percent",
     "observed",
     "%",
@@ -249,7 +228,7 @@ metric(
     shown="main summary readme",
 )
 for _mm in F_MM:
-    metric(
+    Metric(
         f"complete_{_mm}mm_percent",
         f"completeness at {_mm} mm",
         "%",
@@ -259,7 +238,7 @@ for _mm in F_MM:
         share_right(_mm, lambda p: p.n_surface),
         shown="main summary readme compare" if _mm == 2 else "",
     )
-metric(
+Metric(
     "n_observed",
     "observed pixels",
     "pixels",
@@ -268,7 +247,7 @@ metric(
     lambda p: int(p.n_observed),
     combine=total,
 )
-metric(
+Metric(
     "deviation_mm",
     "deviation of AE",
     "mm",
@@ -276,7 +255,7 @@ metric(
     "standard deviation (n) of |z − z_ref| over the observed pixels",
     lambda p: 1e3 * np.sqrt(np.maximum(p.mean_square_m2 - p.mean_m**2, 0)),
 )
-metric(
+Metric(
     "within_band_percent",
     "errors explained by the ground truth",
     "%",
@@ -284,9 +263,13 @@ metric(
     "share of the observed pixels with |z − z_ref| ≤ 1.96·σ, σ the reference's own "
     "standard deviation along z; 95 % for a perfect radar; none where σ is unknown at an "
     "observed pixel",
-    lambda p: 100 * within(p.seen_m, BAND * p.sigma_m).sum() / p.n_observed,
+    lambda p: (
+        100
+        * np.where(np.isnan(p.sigma_m), np.nan, p.seen_m <= BAND * p.sigma_m).sum()
+        / p.n_observed
+    ),
 )
-metric(
+Metric(
     "false_alarm_percent",
     "false alarms",
     "%",
@@ -296,7 +279,7 @@ metric(
     " what it encloses, or invented surface",
     lambda p: 100 * np.sum(p.judged & ~p.observed) / p.n_judged,
 )
-metric(
+Metric(
     "chamfer_to_reference_mm",
     "chamfer, map to reference",
     "mm",
@@ -305,7 +288,7 @@ metric(
     "point of the reference, whose points are its depths at the pixel centres",
     lambda p: 1e3 * p.to_reference_m,
 )
-metric(
+Metric(
     "chamfer_to_map_mm",
     "chamfer, reference to map",
     "mm",
@@ -314,7 +297,7 @@ metric(
     " without one",
     lambda p: 1e3 * p.to_map_m,
 )
-metric(
+Metric(
     "chamfer_mm",
     "chamfer",
     "mm",
@@ -323,7 +306,7 @@ metric(
     lambda p: 1e3 * (p.to_reference_m + p.to_map_m) / 2,
 )
 for _mm in F_MM:
-    metric(
+    Metric(
         f"accurate_{_mm}mm_percent",
         f"accuracy at {_mm} mm",
         "%",
@@ -332,7 +315,7 @@ for _mm in F_MM:
         share_right(_mm, lambda p: p.n_judged),
     )
 for _mm in F_MM:
-    metric(
+    Metric(
         f"f_{_mm}mm_percent",
         f"F-score at {_mm} mm",
         "%",
@@ -340,7 +323,7 @@ for _mm in F_MM:
         f"harmonic mean of accuracy and completeness at {_mm} mm",
         share_right(_mm, lambda p: (p.n_surface + p.n_judged) / 2),
     )
-metric(
+Metric(
     "velocity_mae_mm_s",
     "velocity MAE",
     "mm/s",
@@ -351,7 +334,7 @@ metric(
     combine=mean_if_any,
     shown="main summary frames motion",
 )
-metric(
+Metric(
     "velocity_bias_mm_s",
     "velocity bias",
     "mm/s",
@@ -361,7 +344,7 @@ metric(
     combine=mean_if_any,
     shown="frames",
 )
-metric(
+Metric(
     "velocity_within_percent",
     "velocities within their intervals",
     "%",
@@ -371,7 +354,7 @@ metric(
     of_velocities=lambda v: 100 * mean(v.within),
     combine=mean_if_any,
 )
-metric(
+Metric(
     "velocity_beyond_percent",
     "beyond the unambiguous velocity",
     "%",
@@ -381,7 +364,7 @@ metric(
     combine=mean_if_any,
     shown="main",
 )
-metric(
+Metric(
     "frames_mae_mm",
     "MAE, mean over the frames",
     "mm",
@@ -389,7 +372,7 @@ metric(
     "mean over all frames of the MAE of each; none where one frame was imaged",
     combine=over_frames("mae_mm", np.mean),
 )
-metric(
+Metric(
     "frames_mae_deviation_mm",
     "MAE, deviation between frames",
     "mm",
@@ -397,7 +380,7 @@ metric(
     "standard deviation (n − 1) over the frames of the MAE of each",
     combine=over_frames("mae_mm", deviation),
 )
-metric(
+Metric(
     "frames_max_mm",
     "MAX of AE, mean over the frames",
     "mm",
@@ -405,7 +388,7 @@ metric(
     "mean over all frames of the largest |z − z_ref| of each; none where one frame was imaged",
     combine=over_frames("max_mm", np.mean),
 )
-metric(
+Metric(
     "frames_max_deviation_mm",
     "MAX of AE, deviation between frames",
     "mm",
@@ -413,7 +396,7 @@ metric(
     "standard deviation (n − 1) over the frames of the largest |z − z_ref| of each",
     combine=over_frames("max_mm", deviation),
 )
-metric(
+Metric(
     "frames_largest_mm",
     "MAX of AE of all frames",
     "mm",
@@ -421,7 +404,7 @@ metric(
     "largest |z − z_ref| of the observed pixels of all frames",
     combine=over_frames("max_mm", np.max),
 )
-metric(
+Metric(
     "common_percent",
     "common pixels",
     "%",
@@ -430,7 +413,7 @@ metric(
     "own threshold",
     shown="main",
 )
-metric(
+Metric(
     "precision_mm",
     "precision",
     "mm",
@@ -441,7 +424,7 @@ metric(
     shown="main summary readme compare",
     paper={"2fsk": 3.6, "3fsk": 0.3},
 )
-metric(
+Metric(
     "pixel_precision_mm",
     "precision per pixel",
     "mm",
@@ -449,7 +432,7 @@ metric(
     "standard deviation (n − 1) of z over the repeats at each pixel, median over the "
     "pixels that are observed in all repeats",
 )
-metric(
+Metric(
     "relative_precision_percent",
     "relative precision",
     "%",
@@ -460,7 +443,7 @@ metric(
     combine=over_repeats(relative_precision_percent),
     paper={"2fsk": 98.3, "3fsk": 99.99},
 )
-metric(
+Metric(
     "seconds",
     "time per frame",
     "s",
@@ -469,7 +452,7 @@ metric(
     combine=median,
     shown="main summary readme compare",
 )
-metric(
+Metric(
     "surface_rms_mm",
     "surface RMS",
     "mm",

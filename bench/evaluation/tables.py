@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LEVEL = 0.95  # of every confidence interval
-ByMethod = dict[str, "pd.DataFrame"]
 Schema = dict[str, type]  # column → type of its values, in the order of the file
-DTYPES: dict[type, Any] = {str: "str", float: "float64", int: "int64", bool: "bool"}
 EXPECTED = {float: "a finite number or nothing", int: "a whole number", bool: "0 or 1"}
 
 TABLE: Schema = {  # table.csv: one figure a line
@@ -132,39 +130,14 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     for name, kind in schema.items():
         if kind is not float and table[name].hasnans:
             raise ValueError(f"the column '{name}' has empty cells")
-    dtypes = {name: DTYPES[kind] for name, kind in schema.items()}
+    dtypes: Any = schema
     return table[list(schema)].astype(dtypes).reset_index(drop=True)
-
-
-def by_method(scores: pd.DataFrame, reference: str, treatment: str = "") -> ByMethod:
-    """Arrange the scores against one reference: method → DataFrame with one line for each capture
-    and one column for each metric.
-    scores: the table of scores, with one line for each figure. treatment: an equal treatment (same
-    smoothing for all methods), or "" for methods with their own settings. Only the first frame of
-    each capture is used. Captures and metrics keep the order of the scores; NaN where there is no
-    value."""
-    lines = scores[
-        (scores.reference == reference) & (scores.treatment == treatment) & (scores.frame == 0)
-    ]
-    captures, metrics = (list(dict.fromkeys(lines[column])) for column in ("capture", "metric"))
-    return {
-        str(method): of.pivot(index="capture", columns="metric", values="value").reindex(
-            captures, columns=metrics
-        )
-        for method, of in lines.groupby("method", sort=False)
-    }
 
 
 def each(table: pd.DataFrame) -> Iterator[Any]:
     """Return an iterator over the lines of a table, each as a named tuple with the table's
     columns."""
     return iter(table.itertuples(index=False, name="Line"))
-
-
-def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the lines of a table as dictionaries, column → value, with None for unknown values."""
-    lines: list[Any] = table.astype(object).where(table.notna(), None).to_dict("records")
-    return lines
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
@@ -212,17 +185,12 @@ def _typed(cells: pd.Series, kind: type) -> pd.Series:
         )
     if kind is float:  # not `numbers`, which may differ in the last bit
         return cells.where(cells != "", "nan").astype("float64")
-    return cells.astype("int64").astype(DTYPES[kind])
+    return cells.astype(int)
 
 
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table to a CSV file with a header line, atomically. Values that are not finite become
-    empty cells; numbers of pixels in TABLE are written as whole ones.
-    Raises HandbenchError if the columns are not those of the schema."""
-    if list(table.columns) != list(schema):
-        raise HandbenchError(
-            f"{path}: the table has the columns {list(table.columns)}; expected {list(schema)}"
-        )
+    empty cells; numbers of pixels in TABLE are written as whole ones."""
     cells = conform(table, schema)
     for name, kind in schema.items():
         if kind is bool:

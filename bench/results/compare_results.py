@@ -35,7 +35,7 @@ from handbench.bench.evaluation.paired import (
 )
 from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
-from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, conform, records
+from handbench.bench.evaluation.tables import DIFFERENCES, LEVEL, conform
 from handbench.bench.results.derived import compared_metrics
 from handbench.bench.results.provenance import changes
 from handbench.bench.results.result_folder import Result
@@ -68,12 +68,15 @@ class Compared:
 
     def content(self) -> dict[str, Any]:
         """Return the comparison as dictionaries and lists, as in compare.json."""
+        tables = {"differences": self.differences, "changes": self.changes}
         return {
             "a": str(self.a.folder),
             "b": str(self.b.folder),
             "basis": self.basis,
-            "differences": records(self.differences),
-            "changes": records(self.changes),
+            **{
+                name: of.astype(object).where(of.notna(), None).to_dict("records")
+                for name, of in tables.items()
+            },
         }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.combine import STRONGEST
@@ -14,7 +15,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, METRICS
 from handbench.bench.evaluation.paired import compare
 from handbench.bench.evaluation.reliability import coverage_percent
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
-from handbench.bench.evaluation.tables import COMPARISONS, ByMethod, by_method, conform, frame
+from handbench.bench.evaluation.tables import COMPARISONS, conform, frame
 from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.maps import depth_path
@@ -47,34 +48,41 @@ def compared_metrics(protocol: Mapping[str, Any]) -> list[str]:
     return [key for key, m in METRICS.items() if key in named and m.of and m.better != "zero"]
 
 
-def equal_treatment_scores(
-    scores: pd.DataFrame, captures: Sequence[CaptureFacts]
-) -> tuple[str, dict[str, ByMethod]]:
-    """Select the scores under equal treatment (same smoothing for all methods).
-    Returns the reference that covers the most surface among those that all captures have, and
-    treatment → method → figures with one line for each capture and one column for each metric. Only
-    methods that have every treatment on every capture are included; with fewer than two such
-    methods the dictionary is empty."""
-    having = (
-        name for name in MOST_SURFACE if captures and all(name in c.references for c in captures)
-    )
-    reference = next(having, "")
-    lines = scores[(scores.reference == reference) & (scores.treatment != "")]
+def fullest_reference(captures: Sequence[CaptureFacts]) -> str:
+    """Return the reference that covers the most surface among those that all captures have; ""
+    without one."""
+    return next((name for name in MOST_SURFACE if all(name in c.references for c in captures)), "")
+
+
+def treated_scores(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> pd.DataFrame:
+    """Select the scores under equal treatment (same smoothing for all methods), against the fullest
+    reference.
+    Only methods that have every treatment on every capture are included; with fewer than two such
+    methods there is no line."""
+    of_reference = scores.reference == fullest_reference(captures)
+    lines = scores[of_reference & (scores.treatment != "")]
     counts = lines[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
     everywhere = counts.index[counts == len(captures) * len(SMOOTHING)]
-    lines = lines[lines.method.isin(everywhere)]
-    several = SMOOTHING if len(everywhere) > 1 else ()
-    return reference, {treatment: by_method(lines, reference, treatment) for treatment in several}
+    return lines[lines.method.isin(everywhere if len(everywhere) > 1 else ())]
+
+
+def by_method(lines: pd.DataFrame) -> dict[str, np.ndarray]:
+    """Arrange the scores by one metric, against one reference, under one treatment: method → figure
+    of the first frame on each capture [n], NaN where there is none.
+    Methods and captures keep the order of the scores."""
+    first = lines[lines.frame == 0]
+    wide = first.pivot(index="capture", columns="method", values="value")
+    wide = wide.reindex(first.capture.unique(), columns=first.method.unique())
+    return {str(method): of.to_numpy() for method, of in wide.items()}
 
 
 def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
     """Return the ids of the methods that observe less than 1 % of a capture's surface
     (FEWEST_PERCENT) and are therefore not compared under equal treatment."""
-    reference, treated = equal_treatment_scores(scores, captures)
-    lines = scores[(scores.reference == reference) & (scores.metric == "observed_percent")]
-    few = lines.method[(lines.treatment == "") & (lines.value < FEWEST_PERCENT)]
-    taking_part = {method for methods in treated.values() for method in methods}
-    return [str(method) for method in few.unique() if method not in taking_part]
+    own = scores[(scores.reference == fullest_reference(captures)) & (scores.treatment == "")]
+    few = own.method[(own.metric == "observed_percent") & (own.value < FEWEST_PERCENT)]
+    taking_part = set(treated_scores(scores, captures).method)
+    return [method for method in few.unique() if method not in taking_part]
 
 
 def few_pixels_text(methods: Sequence[str]) -> str:
@@ -98,20 +106,15 @@ def motion(scores: pd.DataFrame) -> pd.DataFrame:
 def equal(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> pd.DataFrame:
     """Average the figures of all methods under equal treatment (same smoothing) over the captures:
     metric, treatment, method, value, low, high (95 % interval), unit, reference."""
-    columns = ("metric", "treatment", "method", "value", "low", "high", "unit", "reference")
-    reference, treated = equal_treatment_scores(scores, captures)
+    columns = ["metric", "treatment", "method", "value", "low", "high", "unit", "reference"]
+    reference, lines = fullest_reference(captures), treated_scores(scores, captures)
+    groups = dict(iter(lines.groupby(columns[:3]).value))
     rows = [
-        (
-            *(metric.key, treatment, method, figures[metric.key].mean()),
-            *(metric.interval(figures[metric.key].to_numpy()) or (None, None)),
-            *(metric.unit, reference),
-        )
-        for treatment, methods in treated.items()
-        for method, figures in methods.items()
-        for metric in METRICS.values()
-        if metric.key in figures
+        (*key, of.mean(), *(metric.interval(of) or (np.nan, np.nan)), metric.unit, reference)
+        for treatment, method, metric in product(SMOOTHING, lines.method.unique(), METRICS.values())
+        if (of := groups.get(key := (metric.key, treatment, method))) is not None
     ]
-    return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(("low", "high"), float))
+    return pd.DataFrame(rows, columns=columns)
 
 
 def comparisons(
@@ -124,17 +127,16 @@ def comparisons(
     With their own settings, methods are compared by the metrics that the protocol names, against
     each reference. Under equal treatment, they are compared against the reference that covers the
     most surface. titles: of the methods, by name."""
-    reference, treated = equal_treatment_scores(scores, captures)
-    own = {name: by_method(scores, name) for name in REFERENCES}
+    treated = treated_scores(scores, captures)
     wanted = [
-        (name, "", metric, own[name])
-        for name, metric in product(REFERENCES, compared_metrics(protocol))
+        *product([scores], REFERENCES, [""], compared_metrics(protocol)),
+        *product([treated], [fullest_reference(captures)], SMOOTHING, [HEADLINE]),
     ]
-    wanted += [(reference, treatment, HEADLINE, of) for treatment, of in treated.items()]
     tables = [frame(COMPARISONS)]
-    for name, treatment, metric, methods in wanted:
-        figures = {method: of[metric].to_numpy() for method, of in methods.items() if metric in of}
-        tables.append(compare(figures, name, metric, titles, treatment))
+    for lines, reference, treatment, metric in wanted:
+        of_metric = lines[(lines.reference == reference) & (lines.metric == metric)]
+        figures = by_method(of_metric[of_metric.treatment == treatment])
+        tables.append(compare(figures, reference, metric, titles, treatment))
     return conform(pd.concat(tables), COMPARISONS)
 
 

@@ -1,7 +1,7 @@
 """Reading and writing of the depth maps, error maps and photographs of a result folder, and their
 paths."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,17 +43,6 @@ class Frames:
     z_m: np.ndarray
     velocity_m_s: np.ndarray
     times_s: np.ndarray
-
-    def cropped(self) -> "Frames":
-        """Return only the rows and columns in which some frame has a depth; all of them if no frame
-        has any."""
-        seen = np.isfinite(self.z_m).any(axis=0)
-        if np.count_nonzero(seen.any(axis=0)) < 2 or np.count_nonzero(seen.any(axis=1)) < 2:
-            return self
-        y, x = bounding_box(seen)
-        return Frames(
-            self.x_m[x], self.y_m[y], self.z_m[:, y, x], self.velocity_m_s[:, y, x], self.times_s
-        )
 
 
 def errors_path(folder: Path, capture: str, method: str, reference: str) -> Path:
@@ -101,7 +90,12 @@ def write_surface(folder: Path, capture: str, reference: str, surface: SurfaceMa
 def write_frames(folder: Path, capture: str, method: str, frames: Frames) -> None:
     """Write the depths and velocities of all frames of a capture into a result folder, unless they
     are larger than a reader accepts."""
-    kept = asdict(frames.cropped())
+    seen = np.isfinite(frames.z_m).any(axis=0)
+    y, x = bounding_box(seen) if seen.any() else (slice(0), slice(0))
+    kept = vars(frames)
+    if min(seen[y, x].shape) >= 2:
+        kept = kept | {"x_m": frames.x_m[x], "y_m": frames.y_m[y]}
+        kept |= {name: kept[name][:, y, x] for name in ("z_m", "velocity_m_s")}
     if sum(values.nbytes for values in kept.values()) < ARRAY_BYTES:
         write_npz(frames_path(folder, capture, method), **kept)
 
@@ -110,28 +104,18 @@ def read_frames(folder: Path, capture: str, method: str) -> Frames | None:
     """Read the depths and velocities of all frames of a capture from a result folder; None if it
     has none. Raises HandbenchError as `read_map` does."""
     path = frames_path(folder, capture, method)
-    if not path.is_file():
-        return None
-    kept = read_npz(path, tuple(each.name for each in fields(Frames)))
-    shape = kept["times_s"].size, kept["y_m"].size, kept["x_m"].size
-    shapes = {"times_s": shape[:1], "y_m": shape[1:2], "x_m": shape[2:]}
-    for name, array in kept.items():
-        _require_map(path, name, array, shapes.get(name, shape))
-    _require_axes(path, kept)
-    return Frames(**kept)
+    return Frames(**read_map(path, "times_s", "z_m", "velocity_m_s")) if path.is_file() else None
 
 
 def _arrays(maps: SurfaceMap | ErrorMap) -> dict[str, np.ndarray]:
-    return {name: values for name, values in asdict(maps).items() if values is not None}
+    return {name: values for name, values in vars(maps).items() if values is not None}
 
 
 def read_errors(folder: Path, capture: str, method: str, reference: str) -> ErrorMap:
     """Read the error map of one capture, method and reference from a result folder."""
-    path, known = (
-        errors_path(folder, capture, method, reference),
-        ("sigma_m", "to_reference_m", "to_map_m"),
-    )
-    return ErrorMap(**read_map(path, "error_m", "reference_z_m", optional=known))
+    path = errors_path(folder, capture, method, reference)
+    others = ("sigma_m", "to_reference_m", "to_map_m")
+    return ErrorMap(**read_map(path, "error_m", "reference_z_m", optional=others))
 
 
 def write_photo(folder: Path, capture: str, source: str | Path) -> None:
@@ -140,10 +124,8 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
     from PIL import Image, ImageOps
 
     with open_picture(Path(source)) as image:
-        orientation, small = (
-            image.getexif().get(ORIENTATION),
-            Image.fromarray(np.asarray(image.convert("RGB"))),
-        )
+        orientation = image.getexif().get(ORIENTATION)
+        small = Image.fromarray(np.asarray(image.convert("RGB")))
     if orientation in range(2, 9):  # only this: Pillow cannot write all other EXIF data
         small.getexif()[ORIENTATION] = int(orientation)
         small = ImageOps.exif_transpose(small)
@@ -153,37 +135,26 @@ def write_photo(folder: Path, capture: str, source: str | Path) -> None:
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:
-    """Read and check a file with a depth map or error map: name → array, including x_m [nx] and y_m
-    [ny].
-    names: arrays [ny, nx] that the file must have; optional: arrays that are read if present.
-    Raises HandbenchError for arrays of another shape or type, lengths that are too large
-    (LONGEST_M), and wrong pixel positions."""
+    """Read and check a file with a depth map, an error map or frames: name → array, including x_m
+    [nx] and y_m [ny].
+    names: arrays that the file must have, [ny, nx], or with times_s [frame] among them
+    [frame, ny, nx]; optional: arrays that are read if present. Raises HandbenchError for arrays of
+    another shape or type, values that are too large (LONGEST_M), and positions that repeat or are
+    no numbers."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
-    shape = (arrays["y_m"].size, arrays["x_m"].size)
+    axes = [name for name in ("times_s", "y_m", "x_m") if name in arrays]
+    shape = tuple(arrays[name].size for name in axes)
     for name, array in arrays.items():
-        _require_map(path, name, array, {"x_m": shape[1:], "y_m": shape[:1]}.get(name, shape))
-    _require_axes(path, arrays)
-    return arrays
-
-
-def _require_map(path: Path, name: str, array: np.ndarray, expected: tuple[int, ...]) -> None:
-    if array.shape != expected or array.dtype.kind != "f" or min(expected[-2:]) < 2:
-        raise HandbenchError(
-            f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
-            f"{expected} on a grid of "
-            "at least 2 × 2; run the benchmark again"
-        )
-    if (long := np.abs(array) > LONGEST_M).any():
-        raise HandbenchError(
-            f"{path}: '{name}' has the value {array[long][0]:g}; expected metres, at most "
-            f"{LONGEST_M:g}; run the benchmark again"
-        )
-
-
-def _require_axes(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    for name in ("x_m", "y_m"):
-        if not (np.isfinite(arrays[name]).all() and np.diff(arrays[name]).all()):
+        expected = (array.size,) if name in axes else shape
+        if array.shape != expected or array.dtype.kind != "f" or min(shape[-2:]) < 2:
             raise HandbenchError(
-                f"{path}: '{name}' has positions that repeat or are NaN or infinite; run the "
-                "benchmark again"
+                f"{path}: '{name}' is {array.dtype} {array.shape}; expected real numbers "
+                f"{expected} on a grid of at least 2 × 2; run the benchmark again"
             )
+        position = name in ("x_m", "y_m")
+        if (np.abs(array) > LONGEST_M).any() or (position and not np.abs(np.diff(array)).min() > 0):
+            raise HandbenchError(
+                f"{path}: '{name}' has values beyond {LONGEST_M:g}, or positions that repeat or "
+                "are no numbers; run the benchmark again"
+            )
+    return arrays

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,7 @@ from handbench.bench.results.maps import (
     read_map,
 )
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, read_bytes, require_folder, write_text
+from handbench.support.files import atomic_path, read_bytes, require_folder
 from handbench.support.limits import MOST_CELLS, TOML_BYTES
 
 if TYPE_CHECKING:
@@ -106,18 +107,12 @@ class Result:
         facts = self.about.metrics.get(metric)
         return facts.title if facts else metric
 
-    def best(self, metric: str, reference: str, treatment: str = "") -> tuple[str, ...]:
-        """Return the method with the best figure and all that are not significantly worse, by one
-        metric against one reference; () if nothing was tested.
+    def compared(self, metric: str, reference: str, treatment: str = "") -> pd.DataFrame:
+        """Return the lines of the table of comparisons for one metric, against one reference.
         treatment: an equal treatment (same smoothing for all methods), or "" for methods with their
         own settings."""
-        return best(self.compared(treatment), metric, reference)
-
-    def compared(self, treatment: str = "") -> pd.DataFrame:
-        """Return the lines of the table of comparisons for one treatment.
-        treatment: an equal treatment (same smoothing for all methods), or "" for methods with their
-        own settings."""
-        return self.comparisons[self.comparisons.treatment == treatment]
+        of = self.comparisons
+        return of[(of.metric == metric) & (of.reference == reference) & (of.treatment == treatment)]
 
     def scored(self) -> tuple[CaptureFacts, ...]:
         """Return the captures whose depths are compared with a reference, pixel by pixel."""
@@ -146,25 +141,18 @@ class Result:
         of cores that this work took.
         Methods with less than 0.25 cores (BUSY) are left out."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
-        sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby(
-            "method", sort=False
-        )
+        sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method")
         cores = sums.taken_s.sum() / sums.seconds.sum()
-        return {str(method): float(taken) for method, taken in cores.items() if taken >= BUSY}
+        return cores[cores >= BUSY].to_dict()
 
     def unsettled(self) -> dict[str, float]:
         """Return the methods whose time per frame is uncertain: method → half the width of its
         interval divided by the time.
         Methods with a ratio of at most 0.1 (UNSETTLED) are left out."""
-        times = self.table[
-            (self.table.metric == "seconds") & (self.table.value > 0)
-        ].drop_duplicates("method")
+        times = self.table[(self.table.metric == "seconds") & (self.table.value > 0)]
+        times = times.drop_duplicates("method").set_index("method")
         reach = (times.high - times.low) / (2 * times.value)
-        return {
-            method: float(share)
-            for method, share in zip(times.method, reach, strict=True)
-            if share > UNSETTLED
-        }
+        return reach[reach > UNSETTLED].to_dict()
 
     def photo(self, capture: str) -> Path | None:
         """Return the path of the capture's photograph; None if it has none."""
@@ -178,19 +166,15 @@ def shown(comparisons: pd.DataFrame) -> pd.Series:
     return comparisons.p_corrected < 1 - LEVEL
 
 
-def best(comparisons: pd.DataFrame, metric: str, reference: str) -> tuple[str, ...]:
+def best(comparisons: pd.DataFrame) -> list[str]:
     """Return the method with the best figure and all methods that are not significantly worse.
-    comparisons: lines of the table COMPARISONS. Methods are in order of appearance. Returns () if
-    nothing was tested, so that no figure is highlighted."""
-    lines = comparisons[(comparisons.metric == metric) & (comparisons.reference == reference)]
-    lines = lines[lines.p_corrected.notna()]
+    comparisons: lines of the table COMPARISONS by one metric (`Result.compared`). Methods are in
+    order of appearance. Empty if nothing was tested, so that no figure is highlighted."""
+    lines = comparisons[comparisons.p_corrected.notna()]
     ahead = ~lines.better.isin(lines.worse)
     worse = set(lines.worse[ahead & shown(lines)])
-    return tuple(
-        name
-        for name in dict.fromkeys(lines[["better", "worse"]].to_numpy().flat)
-        if name not in worse
-    )
+    names = dict.fromkeys(lines[["better", "worse"]].to_numpy().flat)
+    return [name for name in names if name not in worse]
 
 
 def write_about(folder: Path, about: About) -> None:
@@ -205,11 +189,6 @@ def write_tables(folder: Path, **tables: pd.DataFrame) -> None:
     """Write tables of a result, given by their names in `TABLES`, as NAME.csv."""
     for name, table in tables.items():
         write(folder / f"{name}.csv", table, TABLES[name])
-
-
-def write_config(folder: Path, toml: str) -> None:
-    """Write the resolved configuration of a run, TOML text, as config.toml."""
-    write_text(folder / "config.toml", toml)
 
 
 def load(folder: str | Path) -> Result:
@@ -242,16 +221,12 @@ def _require_figures(path: Path, scores: pd.DataFrame) -> None:
 
 
 def _require_complete(result: Result) -> None:
-    paths = []
+    methods, paths = result.about.method_titles, list[Path]()
     for capture in result.scored():
-        paths += [
-            depth_path(result.folder, capture.name, reference) for reference in capture.references
-        ]
-        for method in result.about.methods:
-            paths.append(depth_path(result.folder, capture.name, method.name))
-            paths += [
-                errors_path(result.folder, capture.name, method.name, r) for r in capture.references
-            ]
+        sources = (*capture.references, *methods)
+        paths += [depth_path(result.folder, capture.name, source) for source in sources]
+        pairs = product(methods, capture.references)
+        paths += [errors_path(result.folder, capture.name, *pair) for pair in pairs]
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise HandbenchError(

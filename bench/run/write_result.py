@@ -21,7 +21,7 @@ from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.derived import few_pixels, few_pixels_text
 from handbench.bench.results.maps import Frames, depth_path, errors_path, write_frames, write_photo
-from handbench.bench.results.result_folder import TABLES, write_about, write_config, write_tables
+from handbench.bench.results.result_folder import TABLES, write_about, write_tables
 from handbench.bench.run.captures import RunCapture
 from handbench.bench.run.common import CommonSubset, common_subset
 from handbench.bench.run.engine import Engine
@@ -38,7 +38,7 @@ from handbench.groundtruth.mesh_stage import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import machine
-from handbench.support.files import atomic_path, read_json
+from handbench.support.files import atomic_path, read_json, write_text
 from handbench.support.folder import drop
 from handbench.support.progress import say
 from handbench.support.store import Stage, versions
@@ -99,7 +99,7 @@ def write(folder: Path, outcome: RunOutcome, config: str) -> None:
             _copy(outcome.scores[capture.name] / at, folder / at)
         if capture.name in outcome.meshes:
             write_photo(folder, capture.name, outcome.meshes[capture.name] / VIEW)
-    write_config(folder, config)
+    write_text(folder / "config.toml", config)
     captures = capture_facts(outcome, subset.all_captures)
     text = subset.text
     if few := few_pixels_text(

@@ -8,7 +8,7 @@ from typing import Any
 from handbench.bench.evaluation.metrics import HEADLINE
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
-from handbench.bench.results.result_folder import Result, shown
+from handbench.bench.results.result_folder import Result, best, shown
 from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
 from handbench.reports.tables.result_tables import claims
 
@@ -53,9 +53,9 @@ def verdicts(result: Result) -> tuple[Grid, list[Grid]]:
         rows = tuple((c.sentence, p_text(c.p_corrected), number(c.effect, 2)) for c in each(lines))
         caption = f"{heading}: every pair on {first.n_captures} captures"
         pairs.append(Grid(caption, ("difference", "p, corrected", "effect (dz)"), rows))
-        best = sorted(result.best(metric, reference, treatment), key=set(lines.worse).__contains__)
-        if best:
-            first, *equal = (titles.get(name, name) for name in best)
+        names = sorted(best(lines), key=set(lines.worse).__contains__)
+        if names:
+            first, *equal = (titles.get(name, name) for name in names)
             differ = f"{int(shown(lines).sum())} of {len(rows)}"
             found.append((heading, first, ", ".join(equal) or NONE, differ))
     headings = ("figure", "best", "not shown to be better than", "pairs that differ")

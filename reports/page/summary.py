@@ -13,7 +13,7 @@ from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, CaptureFacts, MethodFacts, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
-from handbench.bench.results.result_folder import Result
+from handbench.bench.results.result_folder import Result, best
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import (
     AGAINST,
@@ -161,7 +161,7 @@ def _best(result: Result) -> str:
         line: Any = lines.loc[first]
         value = figure(line.value, line.low, line.high, line.unit)
         amount = value.replace(" [", f" {line.unit} [") if "[" in value else f"{value} {line.unit}"
-        tested = result.best(metric, line.reference or reference, treatment)
+        tested = best(result.compared(metric, line.reference or reference, treatment))
         equals = [titles[name] for name in tested if name != first]
         more = f", not shown to be better than {', '.join(equals)}" if equals else ""
         who = Markup("<b>{}</b>, ").format(titles[first]) if len(titles) > 1 else Markup()

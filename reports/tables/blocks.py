@@ -12,7 +12,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.results.about import TREATMENTS, CaptureFacts, on_common_pixels
 from handbench.bench.results.derived import few_pixels, few_pixels_text
-from handbench.bench.results.result_folder import Result
+from handbench.bench.results.result_folder import Result, best
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry",
@@ -167,9 +167,9 @@ def outstanding(result: Result, metric: str, reference: str, treatment: str = ""
     that are not significantly worse.
     Empty if nothing was tested, or if no method is significantly worse. treatment: an equal
     treatment (same smoothing for all methods), or "" for methods with their own settings."""
-    best, lines = result.best(metric, reference, treatment), result.compared(treatment)
-    worse = lines.worse[(lines.metric == metric) & (lines.reference == reference)]
-    return frozenset() if worse.isin(best).all() else frozenset(best)
+    lines = result.compared(metric, reference, treatment)
+    names = best(lines)
+    return frozenset() if lines.worse.isin(names).all() else frozenset(names)
 
 
 def ratio(rows: pd.DataFrame) -> pd.Series:

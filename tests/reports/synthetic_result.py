@@ -23,8 +23,9 @@ from handbench.bench.results.maps import (
     write_photo,
     write_surface,
 )
-from handbench.bench.results.result_folder import Result, write_about, write_config, write_tables
+from handbench.bench.results.result_folder import Result, write_about, write_tables
 from handbench.radar.data.depthmap import DepthMap
+from handbench.support.files import write_text
 
 FLOOR_MM = {"photogrammetry": 0.126, "truth": 0.0}
 METHODS = {  # name: title, standard deviation of z in mm, seconds per frame
@@ -89,7 +90,7 @@ def write_synthetic(
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
     tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}
     write_tables(folder, table=table, **tables)
-    write_config(folder, 'name = "synthetic"\n')
+    write_text(folder / "config.toml", 'name = "synthetic"\n')
     about = About(
         name="synthetic",
         protocol={"id": "paper", "version": 4, "compared": tested},

@@ -20,9 +20,9 @@ from handbench.bench.results.maps import (
     write_photo,
     write_surface,
 )
-from handbench.bench.results.result_folder import load, write_about, write_config, write_tables
+from handbench.bench.results.result_folder import load, write_about, write_tables
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, write_json, write_npz
+from handbench.support.files import read_json, write_json, write_npz, write_text
 
 AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
@@ -50,7 +50,7 @@ def folder(tmp_path):
     write_surface(tmp_path, "B", "3fsk", SurfaceMap(AXIS, AXIS, Z + 1e-3))
     write_errors(tmp_path, "B", "3fsk", "truth", ERRORS)
     write_tables(tmp_path, table=rows(), tasks=TASK, scores=SCORED)
-    write_config(tmp_path, 'name = "ü"\n')
+    write_text(tmp_path / "config.toml", 'name = "ü"\n')
     write_about(
         tmp_path,
         About(
