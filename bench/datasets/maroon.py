@@ -15,21 +15,21 @@ import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AliasPath, Field
 
 from handbench.bench.datasets.maroon_alignment import (
     ALIGNMENT,
     KEY,
     is_mirrored,
     load_alignment,
-    read_table,
+    load_part,
 )
 from handbench.bench.datasets.maroon_frame import read_frame
 from handbench.bench.datasets.native import EMPTY_FILTERED, CaptureFile, NativeCapture
-from handbench.calibration.transforms import Transform, checked_numbers
+from handbench.calibration.transforms import Transform
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -39,6 +39,7 @@ from handbench.support.files import content_hash, inside
 from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
+FOLDERS_OF_FRAMES = f"radar_*/{FRAMES}/"
 REGISTRATIONS = "00_registration"  # next to the objects: captures of their calibration target
 PHOTOGRAMMETRY = "photogrammetry"
 MESHES = ("mesh_masked.obj", "mesh.obj")  # cropped to the object, and whole
@@ -54,6 +55,9 @@ FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with 
 # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 RADAR_KERNEL = 4
 
+Point = tuple[float, float, float]
+Count = Annotated[int, Field(ge=1)]
+
 
 class Metadata(Config, extra="ignore"):
     """The used part of a capture's `metadata.json`.
@@ -68,6 +72,21 @@ class Metadata(Config, extra="ignore"):
     mask_3d_threshold: float = ZMAX_M  # of z: what mask_bb's zmax was called before
 
 
+class Volume(Config, extra="ignore"):
+    """The voxels of MAROON's own images: the corners of their box in its radar frame, metres, and
+    their number along each axis."""
+
+    bb_min: Point
+    bb_max: Point
+    grid_size: tuple[Count, Count, Count]
+
+
+class Volumes(Config, extra="ignore"):
+    """The used part of a radar's `calibration.json`: the volume of the first frame."""
+
+    volume: Volume | None = Field(default=None, validation_alias=AliasPath("000000", "volume"))
+
+
 @dataclass(frozen=True)
 class MaroonCapture(NativeCapture):
     """One object at one distance, from the data set MAROON. empty_filtered: True to use the frames
@@ -79,16 +98,12 @@ class MaroonCapture(NativeCapture):
     def fits(folder: Path) -> bool:
         """Tell whether `folder` has MAROON's radar data (radar_*/calibrated_data), so that this
         class can read it."""
-        return any((radar / FRAMES).is_dir() for radar in folder.glob("radar_*"))
+        return any(folder.glob(FOLDERS_OF_FRAMES))
 
     @cached_property
     def metadata(self) -> Metadata:
-        """The content of the capture's metadata.json; default values if there is no such file."""
-        return parse(
-            Metadata,
-            read_table(self.folder / METADATA, f"MAROON's {METADATA}"),
-            str(self.folder / METADATA),
-        )
+        """The content of the capture's metadata.json."""
+        return load_part(Metadata, self.folder / METADATA)
 
     @cached_property
     def about(self) -> CaptureFile:
@@ -108,36 +123,28 @@ class MaroonCapture(NativeCapture):
     @property
     def radar(self) -> Path:
         """The folder of the radar's data. Raises HandbenchError unless there is exactly one."""
-        found = sorted(radar for radar in self.folder.glob("radar_*") if (radar / FRAMES).is_dir())
+        found = list(self.folder.glob(FOLDERS_OF_FRAMES))
         if len(found) != 1:
             raise HandbenchError(
-                f"{self.folder}: has {len(found)} folders radar_*/{FRAMES} "
-                f"({', '.join(f.name for f in found)}); expected exactly one; move the others "
-                "away"
+                f"{self.folder}: has {len(found)} folders {FOLDERS_OF_FRAMES}; expected exactly "
+                "one; move the others away"
             )
-        return found[0]
+        return found[0].parent
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Read the echoes of the first `frames` frames (None: as many as the first frame's file
-        states).
+        """Read the echoes of the first `frames` frames (None: all).
 
         MAROON's echoes are always calibrated, so `calibrated` has no effect. Raises HandbenchError
         if the frames have different frequencies.
         """
-        first = read_frame(self._file(0))
-        count = first.count if frames is None else min(frames, first.count)
-        read = [first, *(read_frame(self._file(k)) for k in range(1, count))]
-        for number, frame in enumerate(read):
-            if not np.array_equal(frame.frequencies_hz, first.frequencies_hz):
-                raise HandbenchError(
-                    f"{self._file(number)}: its frequencies 'fvec' differ from those of the first "
-                    "frame; use frames of one sweep only"
-                )
-        samples = np.stack([frame.samples for frame in read])
+        files = self._frames(frames)
+        samples, tones_hz = zip(*map(read_frame, files), strict=True)
         try:
-            return RadarCapture(samples, first.frequencies_hz, qar50())
+            if len({each.tobytes() for each in tones_hz}) > 1:
+                raise HandbenchError("the frequencies 'fvec' of its frames differ; keep one sweep")
+            return RadarCapture(np.stack(samples), tones_hz[0], qar50())
         except HandbenchError as error:
-            raise HandbenchError(f"{self._file(0).parent}: {error}") from None
+            raise HandbenchError(f"{files[0].parent}: {error}") from None
 
     @property
     def photos(self) -> Path | None:
@@ -186,106 +193,81 @@ class MaroonCapture(NativeCapture):
         metadata.json's `mask_erosion` pixels, as in the paper (but not in MAROON's shipped
         configuration). Raises HandbenchError for an empty box, such as that in MAROON's README.
         """
-        found = np.isfinite(depth.z_m)
+        metadata, found = self.metadata, np.isfinite(depth.z_m)
         if erode:
-            found = eroded(found, round(self.metadata.mask_erosion / RADAR_KERNEL))
+            found = eroded(found, round(metadata.mask_erosion / RADAR_KERNEL))
         x_m, y_m = np.meshgrid(-depth.x_m if self.mirrored else depth.x_m, depth.y_m)
+        bounds_m = {"zmax": metadata.mask_3d_threshold}
+        if metadata.distance_meters == 0.3:
+            bounds_m["zmin"] = NEAR_ZMIN_M
+        bounds_m |= metadata.mask_bb
         for axis, values_m in zip("xyz", (x_m, y_m, depth.z_m), strict=True):
-            low_m, high_m = self._bounds_m(axis)
-            with np.errstate(invalid="ignore"):
-                found &= (values_m >= low_m) & (values_m <= high_m)
+            low_m = bounds_m.get(f"{axis}min", -np.inf)
+            high_m = bounds_m.get(f"{axis}max", np.inf)
+            if low_m >= high_m:
+                raise HandbenchError(
+                    f"{self.folder / METADATA}: mask_bb has {axis}max {high_m:g} below {axis}min "
+                    f"{low_m:g}, so no pixel would be scored; correct it"
+                )
+            found &= (values_m >= low_m) & (values_m <= high_m)
         return found
 
     def key(self, frames: int | None = None) -> str:
         """Return a hash of all files that a run reads: descriptions, masks, the mesh (without one,
         the photographs), and the first `frames` frames (None: all) of the radar."""
-        files = sorted(self._file(0).parent.glob(self._file(0).name.replace("000000", 6 * "[0-9]")))
         described = [self.folder / METADATA, self.alignment, self.radar / VOLUMES]
-        found = [*described, self.mesh() or self.photos, *files[:frames]]
+        found = [*described, self.mesh() or self.photos, *self._frames(frames)]
         read = [path for path in found if path is not None and path.exists()]
         return content_hash([f"{path.parent.name}/{path.name}" for path in read], *read)
 
-    def _file(self, frame: int) -> Path:
-        return self.radar / FRAMES / f"{frame:06d}{f'_{EMPTY_FILTERED}' * self.empty_filtered}.npy"
+    def _frames(self, count: int | None) -> list[Path]:
+        """Return the files of the first `count` frames (None: all); the first one's name if there
+        are none."""
+        folder, ending = (
+            self.radar / FRAMES,
+            f"_{EMPTY_FILTERED}.npy" * self.empty_filtered or ".npy",
+        )
+        files = sorted(folder.glob(f"{6 * '[0-9]'}{ending}")) or [folder / f"000000{ending}"]
+        return files[:count]
 
     @cached_property
     def alignment(self) -> Path | None:
         """The file alignment.json of the capture; if it is missing, that of the calibration which
         metadata.json names, and a message is printed; None if there is neither."""
-        own = self.folder / ALIGNMENT
-        name = self.metadata.calibration
-        if own.exists() or not name:
-            return own if own.exists() else None
-        registrations = self.folder.resolve().parent.parent / REGISTRATIONS
-        of_calibration = (
-            inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
-        )
-        if not of_calibration.is_file():
-            return None
-        say(f"{self.folder}: has no {ALIGNMENT}, so {of_calibration} is used")
-        return of_calibration
-
-    def _bounds_m(self, axis: str) -> tuple[float, float]:
-        """Return the lower and upper bound of the scored box along an axis ("x", "y" or "z") of
-        MAROON's radar frame, metres. Bounds that metadata.json lacks are those in MAROON's code.
-        Raises HandbenchError if the box is empty."""
-        about, low, high = self.metadata, -np.inf, np.inf
-        if axis == "z":
-            low = NEAR_ZMIN_M if about.distance_meters == 0.3 else low
-            high = about.mask_3d_threshold
-        low, high = about.mask_bb.get(f"{axis}min", low), about.mask_bb.get(f"{axis}max", high)
-        if low >= high:
-            raise HandbenchError(
-                f"{self.folder / METADATA}: mask_bb has {axis}max {high:g} below {axis}min "
-                f"{low:g}, so no pixel would be scored; correct it"
-            )
-        return low, high
+        file, name = self.folder / ALIGNMENT, self.metadata.calibration
+        if name and not file.exists():
+            registrations = self.folder.resolve().parent.parent / REGISTRATIONS
+            file = inside(registrations, name, f"{self.folder / METADATA}: calibration") / ALIGNMENT
+            if file.exists():
+                say(f"{self.folder}: has no {ALIGNMENT}, so {file} is used")
+        return file if file.exists() else None
 
     def _settings(self) -> dict[str, Any]:
         """Return the settings of each method, by its id, that say which pixels or voxels are
         imaged.
 
-        They are the box in MAROON's calibration.json for the first frame or, without one, the box
-        of MAROON's shipped configuration, placed at the object's distance. Empty if the distance is
-        unknown too.
+        They are the box in MAROON's calibration.json for the first frame or, without one, the
+        depths of MAROON's shipped configuration, placed at the object's distance. Empty if the
+        distance is unknown too.
         """
-        file = self.radar / VOLUMES
-        frame = read_table(file, f"MAROON's {VOLUMES}").get("000000", {}) if file.exists() else {}
-        distance_m = self.metadata.distance_meters
-        if isinstance(frame, dict) and "volume" in frame:
-            box = self._axes(file, frame["volume"])
-        elif distance_m is not None:
+        file, distance_m = self.radar / VOLUMES, self.metadata.distance_meters
+        volume = load_part(Volumes, file).volume if file.exists() else None
+        if volume is None:
+            if distance_m is None:
+                return {}
             start_m, stop_m = (round(distance_m + end_m, ROUNDED) for end_m in (START_M, STOP_M))
-            box = {"z": {"start_m": start_m, "stop_m": stop_m, "step_m": STEP_M}}
-        else:
-            return {}
-        pixels = {axis: box[axis] for axis in "xy" if axis in box}
-        return dict.fromkeys(PLANES, pixels) | dict.fromkeys(PROJECTIONS, box)
-
-    def _axes(self, file: Path, volume: Any) -> dict[str, dict[str, float]]:
-        """Convert the entry `volume` of MAROON's calibration.json to start, stop and step along the
-        x, y and z axes of handbench's radar frame, metres. file: the calibration.json, named in
-        messages. Raises HandbenchError for an invalid entry."""
-        box = volume if isinstance(volume, dict) else {}
-        low, high, count = (
-            checked_numbers(file, key, box.get(key), [(3,)], 1e4)
-            for key in ("bb_min", "bb_max", "grid_size")
-        )
-        if (count < 1).any() or (count % 1 != 0).any() or (high < low).any():
-            raise HandbenchError(
-                f"{file}: 'volume' extends from {low.tolist()} to {high.tolist()} in "
-                f"{count.tolist()} voxels; expected whole numbers ≥ 1, and bb_min below bb_max"
-            )
+            depths = {"z": {"start_m": start_m, "stop_m": stop_m, "step_m": STEP_M}}
+            return dict.fromkeys(PROJECTIONS, depths)
+        low_m, high_m = np.round([volume.bb_min, volume.bb_max], ROUNDED)
         if self.mirrored:
-            low[0], high[0] = -high[0], -low[0]
-        axes = {}
-        for axis, *values in zip(
-            "xyz", low.round(ROUNDED), high.round(ROUNDED), count, strict=True
-        ):
-            start_m, stop_m, n = map(float, values)
-            step_m = (stop_m - start_m) / (n - 1) if n > 1 and stop_m > start_m else STEP_M
-            axes[axis] = {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
-        return axes
+            low_m[0], high_m[0] = -high_m[0], -low_m[0]
+        box = {}
+        ends_m = zip(low_m.tolist(), high_m.tolist(), volume.grid_size, strict=True)
+        for axis, (start_m, stop_m, count) in zip("xyz", ends_m, strict=True):
+            step_m = (stop_m - start_m) / max(count - 1, 1) or STEP_M
+            box[axis] = {"start_m": start_m, "stop_m": stop_m, "step_m": step_m}
+        pixels = {axis: box[axis] for axis in "xy"}
+        return dict.fromkeys(PLANES, pixels) | dict.fromkeys(PROJECTIONS, box)
 
 
 def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon import FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
 from handbench.bench.datasets.maroon_alignment import ALIGNMENT, KEY, MIRROR_X
-from handbench.bench.datasets.maroon_frame import ANTENNAS, USED, Frame
+from handbench.bench.datasets.maroon_frame import ANTENNAS, USED
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.support.files import write_json
@@ -24,8 +24,8 @@ def write_maroon(path: Path, root: Path, mirrored: bool = True) -> Path:
     capture, folder = open_capture(path), root / "patch" / "30"
     echoes = capture.echoes()
     for number, samples in enumerate(echoes.samples):
-        frame = Frame(samples, echoes.frequencies_hz, len(echoes.samples))
-        write_frame(folder / RADAR / FRAMES / f"{number:06d}.npy", number, frame)
+        file = folder / RADAR / FRAMES / f"{number:06d}.npy"
+        write_frame(file, number, samples, echoes.frequencies_hz)
     box_m = np.array([[AXES[axis][end] for axis in "xyz"] for end in ("start_m", "stop_m")])
     if mirrored:
         box_m[:, 0] = -box_m[::-1, 0]
@@ -45,14 +45,14 @@ def write_maroon(path: Path, root: Path, mirrored: bool = True) -> Path:
     return folder
 
 
-def write_frame(file: Path, number: int, frame: Frame) -> None:
+def write_frame(file: Path, number: int, samples: np.ndarray, tones_hz: np.ndarray) -> None:
     """Write a frame as theirs are; the antennas that are not used get zeros."""
-    xr = np.zeros((ANTENNAS, ANTENNAS, len(frame.frequencies_hz)), np.complex64)
-    xr[USED, USED] = frame.samples.transpose(2, 1, 0)
+    xr = np.zeros((ANTENNAS, ANTENNAS, len(tones_hz)), np.complex64)
+    xr[USED, USED] = samples.transpose(2, 1, 0)
     content = {
-        "fvec": frame.frequencies_hz.astype(np.float64),
+        "fvec": tones_hz.astype(np.float64),
         "xr": xr,
-        "number_of_measurements": frame.count,
+        "number_of_measurements": np.int64(2),
         "timestamp_us": np.array([100_000 * number]),
     }
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon import MESHES, eroded
 from handbench.bench.datasets.maroon_alignment import KEY, load_alignment
-from handbench.bench.datasets.maroon_frame import KEYS, Frame, read_numbers
+from handbench.bench.datasets.maroon_frame import KEYS, read_numbers
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.score import reference_of_file
@@ -81,8 +81,7 @@ def test_the_matrix_is_theirs_with_x_negated_and_its_rounding_removed(tmp_path, 
 
 ALIGNMENTS = {
     "NaN": ((0, 0), float("nan"), "expected 4×4 or 16 finite numbers"),
-    "last row": ((3, 0), 0.1, "the last row"),
-    "millimetres": ((0, 3), 300.0, "has a shift of 300 m"),
+    "last row": ((3, 0), 0.1, "differs by .* from a rotation with one scale"),
     "crooked": ((0, 1), 4e-3, "differs by .* from a rotation with one scale"),
 }
 
@@ -102,7 +101,7 @@ def test_frames_without_the_empty_room_come_on_request_alone(mine):
         open_capture(path).echoes()
     before = open_capture(mine).key()
     file = frame_of(mine).with_name("000000_emptyfiltered.npy")
-    write_frame(file, 0, Frame(0.75 * whole.samples[0], TONES_HZ, 1))
+    write_frame(file, 0, 0.75 * whole.samples[0], TONES_HZ)
     assert open_capture(path).about.name == "patch-30-emptyfiltered"
     np.testing.assert_allclose(open_capture(path).echoes().samples, 0.75 * whole.samples, rtol=1e-6)
     assert open_capture(path).key() != open_capture(mine).key() == before
@@ -117,9 +116,9 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     tau_s = np.add.outer(*legs_m) / SPEED_OF_LIGHT_M_S
     xr = np.ones((96, 96, len(TONES_HZ)), complex)  # antennas that are not used must not matter
     xr[1:95, 1:95] = np.exp(-2j * np.pi * tau_s[..., None] * TONES_HZ)
-    content = {"fvec": TONES_HZ, "xr": xr, "number_of_measurements": np.array([1])}
+    content = {"fvec": TONES_HZ, "xr": xr}
     np.save(frame_of(mine), np.array(content, dtype=object), allow_pickle=True)
-    found = open_capture(mine).echoes()
+    found = open_capture(mine).echoes(1)
     others_m = theirs_m, PLACE_M * [1, -1, 1], PLACE_M[[1, 0, 2]] * [-1, -1, 1]
     places_m = np.stack([PLACE_M, *others_m])
     images = np.abs(backproject(found.samples[0], found.frequencies_hz, found.aperture, places_m))
@@ -134,7 +133,7 @@ def test_a_box_in_single_precision_is_rounded_and_an_empty_one_is_refused(mine):
     y_m = configuration(mine, "broadband", {}).y.values_m()
     assert (y_m[0], y_m[-1], len(y_m)) == (-0.05, 0.15, 201)
     file.write_text(json.dumps({"000000": {"volume": volume | {"grid_size": [2, 2, 0]}}}))
-    with pytest.raises(HandbenchError, match="whole numbers"):
+    with pytest.raises(HandbenchError, match=r"volume\.grid_size\.2' is 0"):
         configuration(mine, "3fsk", {})
 
 
@@ -192,22 +191,20 @@ def test_the_mask_is_their_box_and_their_erosion(mine):
 FRAMES = {
     "other antennas": (
         {"xr": np.zeros((94, 94, 6), np.complex64)},
-        r"'xr' is complex64 \(94, 94, 6\); expected .* \(96, 96, 6\)",
+        r"'xr' is \(94, 94, 6\); expected \(96, 96, 6\)",
     ),
-    "gigahertz": (
-        {"fvec": TONES_HZ / 1e9},
-        "'fvec' is float64 from 72 to 82; expected frequencies",
+    "two sweeps": (
+        {"fvec": TONES_HZ + 1e6},
+        "calibrated_data: the frequencies 'fvec' of its frames",
     ),
-    "none": ({"number_of_measurements": np.nan}, "'number_of_measurements' is nan"),
-    "a frame less": ({"number_of_measurements": 2}, "000001.npy: expected a radar frame"),
+    "an object": ({"fvec": 72e9}, "000000.npy: was not read"),
 }
 
 
 @pytest.mark.parametrize(("change", "reason"), FRAMES.values(), ids=FRAMES)
 def test_frames_that_are_not_the_radar_s_are_refused(mine, change, reason):
-    frame_of(mine).with_name("000001.npy").unlink()
     ones = np.ones((96, 96, 6), np.complex64)
-    content = {"fvec": TONES_HZ, "xr": ones, "number_of_measurements": 1} | change
+    content = {"fvec": TONES_HZ, "xr": ones} | change
     np.save(frame_of(mine), np.array(content, dtype=object), allow_pickle=True)
     with pytest.raises(HandbenchError, match=reason) as caught:
         open_capture(mine).echoes()
@@ -227,8 +224,11 @@ class Runs:
 def test_a_pickle_may_name_numpy_s_arrays_and_nothing_else(tmp_path):
     file, ran = tmp_path / "a.npy", tmp_path / "ran"
     by_column, big_endian = np.asfortranarray(np.eye(2, 3)), np.arange(3, dtype=">c16")
-    numbers = dict(zip(KEYS, (by_column, big_endian, np.float32(0.5)), strict=True))
-    held = np.array(numbers | {"n": 3, "text": "ü", "others": np.array(["ü"])}, dtype=object)
+    numbers = dict(zip(KEYS, (by_column, big_endian), strict=True))
+    held = np.array(
+        numbers | {"n": 3, "half": np.float32(0.5), "text": "ü", "others": np.array(["ü"])},
+        dtype=object,
+    )
     np.save(file, held, allow_pickle=True)
     written = file.read_bytes()
     older = pickle.dumps(held, 3).replace(b"numpy._core", b"numpy.core")  # as numpy 1 wrote it
