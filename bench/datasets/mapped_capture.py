@@ -16,7 +16,6 @@ from handbench.bench.datasets.mapping import (
     Column,
     ComplexMapping,
     Mapping,
-    PositionsMapping,
     Steps,
     TableMapping,
 )
@@ -50,19 +49,16 @@ class MappedCapture(NativeCapture):
         """The description of the capture."""
         return self.mapping.capture
 
-    def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
-        """Read the echoes of the first `frames` frames (None: all).
-
-        calibrated: apply the capture's corrections (`corrections.json`), and print a line about
-        them. Raises HandbenchError if the files do not agree with the mapping.
-        """
+    def _recorded(self) -> RadarCapture:
+        """Read the echoes of all frames. Raises HandbenchError if the files do not agree with the
+        mapping."""
         mapping = self.mapping
 
         def read(name: str) -> np.ndarray:
             return read_named(self.folder, name, mapping.file, mapping.skip_lines)
 
         try:
-            capture = _recording(read, mapping).capture().first_frames(frames)
+            return _recording(read, mapping).capture()
         except (HandbenchError, ValueError) as error:  # NumPy's: lengths that do not fit together
             if str(error).startswith(f"{self.folder}/"):  # about one of the files
                 raise
@@ -70,7 +66,6 @@ class MappedCapture(NativeCapture):
                 f"{self.folder / MAPPING}: {error}; correct mapping.toml, in which each table of "
                 "several rows needs an axis"
             ) from None
-        return self._corrected(capture) if calibrated else capture
 
 
 @np.errstate(invalid="ignore", over="ignore")  # what is infinite is refused with the capture
@@ -81,17 +76,20 @@ def _recording(read: Read, mapping: Mapping) -> Recording:
     counts = {"frequency": len(frequencies_hz), RE_IM: 2}
     places_m: dict[str, np.ndarray] = {}
     pairs = None
-    for name, entry in (("tx", mapping.tx), ("rx", mapping.rx)):
-        if entry is not None:
-            places_m[f"{name}_m"] = entry.scale_m * _table(read, entry, 3)
-            counts[name] = len(places_m[f"{name}_m"])
+    for name, entry in (("tx", mapping.tx), ("rx", mapping.rx), ("position", mapping.position)):
+        if entry is None:
+            continue
+        if name != "position" or name in mapping.samples.axes:
+            table = _table(read, entry, 3)
+            counts[name] = len(table)
+        else:  # the places of a grid
+            x, y, z = _columns(read, entry, 3)
+            table = np.stack(np.broadcast_arrays(x, y[:, None], z[:1]), axis=-1).reshape(-1, 3)
+            counts |= {"y": len(y), "x": len(x)}
+        places_m[f"{name}_m"] = entry.scale_m * table
     if mapping.pairs is not None:
         pairs = _table(read, mapping.pairs, 2) - mapping.pairs.first
         counts["pair"] = len(pairs)
-    if mapping.position is not None:
-        listed = "position" in mapping.samples.axes
-        places_m["position_m"], grid = _places_m(read, mapping.position, listed)
-        counts |= grid
     samples = _complex(read, mapping.samples, counts)
     if mapping.background is not None:
         samples = samples - _complex(read, mapping.background, counts)
@@ -111,40 +109,28 @@ def _recording(read: Read, mapping: Mapping) -> Recording:
 
 
 def _table(read: Read, entry: TableMapping, columns: int) -> np.ndarray:
-    """Read a table of real numbers [n, columns]; columns that are left out are 0."""
-    if entry.columns is not None:
-        zeros = [0.0] * (columns - len(entry.columns))
-        given = [_column(read, column) for column in (*entry.columns, *zeros)]
-        return np.stack(np.broadcast_arrays(*given), axis=1)
-    name = entry.dataset or ""
-    stored = _real(name, read(name))
+    """Read a table of real numbers [n, columns]."""
+    if entry.dataset is None:
+        return np.stack(np.broadcast_arrays(*_columns(read, entry, columns)), axis=1)
+    stored = _real(entry.dataset, read(entry.dataset))
     table = stored.T if entry.reversed else stored
     if table.ndim != 2 or table.shape[1] != columns:
         order = f"[{columns}, n]" if entry.reversed else f"[n, {columns}]"
-        raise _wrong(name, stored, f"{order} as stored")
+        raise _wrong(entry.dataset, stored, f"{order} as stored")
     return table
+
+
+def _columns(read: Read, entry: TableMapping, count: int) -> list[np.ndarray]:
+    """Read the columns of a table; those that are left out are 0."""
+    return [_column(read, column) for column in (*(entry.columns or ()), 0.0, 0.0, 0.0)[:count]]
 
 
 def _column(read: Read, column: Column) -> np.ndarray:
     """Read the numbers of a column [n]."""
     if isinstance(column, Steps):
-        return column.values()
+        return np.linspace(column.start, column.stop, column.count)
     values = _real(column, read(column)) if isinstance(column, str) else np.array(column, float)
     return values.reshape(-1)
-
-
-def _places_m(
-    read: Read, entry: PositionsMapping, listed: bool
-) -> tuple[np.ndarray, dict[str, int]]:
-    """Read the places [n, 3], metres, to which a transceiver is moved, and how many each axis
-    counts. listed: there is a row for each place; otherwise the columns are the coordinates along
-    the axes x and y of a grid, and one z."""
-    if listed:
-        places = _table(read, entry, 3)
-        return entry.scale_m * places, {"position": len(places)}
-    x, y, z = [_column(read, column) for column in (*(entry.columns or ()), 0.0, 0.0, 0.0)[:3]]
-    grid = np.stack(np.broadcast_arrays(x, y[:, None], z[:1]), axis=-1)
-    return entry.scale_m * grid.reshape(-1, 3), {"y": len(y), "x": len(x)}
 
 
 def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.ndarray:

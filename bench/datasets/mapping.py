@@ -1,7 +1,7 @@
 """The content of a `mapping.toml`: which arrays of another program's files are a capture, and how
 they are laid out."""
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -20,57 +20,46 @@ InFile = Annotated[str, Field(min_length=1, max_length=1000)]
 Axis = Literal["frame", "frequency", "position", "x", "y", "tx", "rx", "pair", "re_im"]
 
 
-def _require_one(first: object, second: object, expected: str) -> None:
-    """Raise ValueError unless exactly one of two values is given."""
-    if (first is None) == (second is None):
-        raise ValueError(expected)
-
-
 class Steps(Config):
-    """Evenly spaced numbers: `count` from `start`, `step` apart or up to `stop`."""
+    """Evenly spaced numbers: `count` from `start` to `stop`."""
 
     start: float
-    step: float | None = None
-    stop: float | None = None
+    stop: float
     count: int = Field(ge=1, le=MOST_STEPS)
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> "Steps":
-        _require_one(self.step, self.stop, "give either step or stop")
-        return self
-
-    def values(self) -> np.ndarray:
-        """The numbers [count]."""
-        if self.stop is not None:
-            return np.linspace(self.start, self.stop, self.count)
-        return self.start + (self.step or 0.0) * np.arange(self.count)
 
 
 Column = InFile | Steps | float | tuple[float, ...]
 
 
-class ComplexMapping(Config):
-    """Where complex numbers are, and how they are laid out.
+class Numbers(Config):
+    """Where numbers are: in a data set, or given by the key `other` instead.
 
-    dataset, or real and imag: names of data sets ("NAME", "FILE:NAME", "FILE.csv", perhaps with an
-    index). axes: in the order of the program that wrote the file. reversed: the file has the
-    opposite order, as MATLAB's files do, since MATLAB stores arrays by column.
+    dataset: its name ("NAME", "FILE:NAME", "FILE.csv", perhaps with an index).
     """
 
     dataset: InFile | None = None
+    other: ClassVar[str]
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Numbers":
+        if (self.dataset is None) == (getattr(self, self.other) is None):
+            raise ValueError(f"give either dataset or {self.other}")
+        return self
+
+
+class ComplexMapping(Numbers):
+    """Where complex numbers are, and how they are laid out.
+
+    real, imag: names of two data sets, instead of a complex one. axes: in the order of the program
+    that wrote the file. reversed: the file has the opposite order, as MATLAB's files do, since
+    MATLAB stores arrays by column.
+    """
+
     real: InFile | None = None
     imag: InFile | None = None
     axes: tuple[Axis, ...]
     reversed: bool
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> "ComplexMapping":
-        given = [name is not None for name in (self.dataset, self.real, self.imag)]
-        if given not in ([True, False, False], [False, True, True]):
-            raise ValueError('give either dataset = "…" or both real = "…" and imag = "…"')
-        if len(set(self.axes)) < len(self.axes) or (self.imag and RE_IM in self.axes):
-            raise ValueError('name each axis once, and "re_im" only of one data set')
-        return self
+    other = "real"
 
 
 class SamplesMapping(ComplexMapping):
@@ -84,34 +73,27 @@ class SamplesMapping(ComplexMapping):
     subtract_mean: bool = False
 
 
-class FrequenciesMapping(Config):
+class FrequenciesMapping(Numbers):
     """The tones [f]: a data set, or steps."""
 
-    dataset: InFile | None = None
     steps: Steps | None = None
     unit: Literal["Hz", "kHz", "MHz", "GHz"]
-
-    @model_validator(mode="after")
-    def _one_of_both(self) -> "FrequenciesMapping":
-        expected = 'give either dataset = "…" or steps = {start, step or stop, count}'
-        _require_one(self.dataset, self.steps, expected)
-        return self
+    other = "steps"
 
 
-class TableMapping(Config):
+class TableMapping(Numbers):
     """Where a table [n, columns] is.
 
-    dataset: the whole table. columns instead: one entry for each, a data set, a number, numbers, or
-    steps. reversed: the file has the axes in opposite order, as MATLAB's files do.
+    columns: instead of a data set, one entry for each: a data set, a number, numbers, or steps.
+    reversed: the file has the axes in opposite order, as MATLAB's files do.
     """
 
-    dataset: InFile | None = None
     columns: tuple[Column, ...] | None = Field(default=None, min_length=1, max_length=3)
     reversed: bool | None = None
+    other = "columns"
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> "TableMapping":
-        _require_one(self.dataset, self.columns, 'give either dataset = "…" or columns = […]')
+    def _order_of_axes(self) -> "TableMapping":
         if self.dataset is not None and self.reversed is None:
             raise ValueError(
                 "reversed is missing; write reversed = true if the file stores the axes in the "
@@ -170,18 +152,13 @@ class Mapping(Config):
 
     @model_validator(mode="after")
     def _tables_of_the_axes(self) -> "Mapping":
-        axes = {*self.samples.axes}
-        needed = {
-            ("tx", "rx"): not axes & {*PLACES},
-            ("pairs",): "pair" in axes,
-            ("position",): bool(axes & {*PLACES}),
-        }
-        for tables, there in needed.items():
-            if any((getattr(self, table) is not None) != there for table in tables):
-                raise ValueError(
-                    'the tables do not fit samples.axes; expected [position] for "position", '
-                    '"x" and "y", or [tx] and [rx], and [pairs] for "pair"'
-                )
+        axes, tables = {*self.samples.axes}, {"tx", "rx", "position", "pairs"}
+        needed = {"position"} if axes & {*PLACES} else {"tx", "rx"}
+        if self.model_fields_set & tables != needed | ({"pairs"} if "pair" in axes else set()):
+            raise ValueError(
+                'the tables do not fit samples.axes; expected [position] for "position", "x" and '
+                '"y", or [tx] and [rx], and [pairs] for "pair"'
+            )
         if self.background and not {*self.background.axes} <= {*axes, RE_IM}:
             raise ValueError("background.axes has an axis that samples.axes lacks; remove it")
         return self

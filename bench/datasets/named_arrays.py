@@ -3,7 +3,7 @@
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable
 from io import BytesIO
 from pathlib import Path
 
@@ -32,7 +32,7 @@ HEADER, TAG, MATRIX, COMPRESSED = 128, 8, 14, 15  # bytes, bytes, kinds of eleme
 KINDS = (*range(1, 8), 9, 12, 13, MATRIX, 16, 17, 18)
 
 
-def read_named(folder: Path, text: str, file: str | None, skip_lines: int = 0) -> np.ndarray:
+def read_named(folder: Path, text: str, file: str | None, skip_lines: int) -> np.ndarray:
     """Read the array of a name: "NAME" in `file`, "FILE:NAME" or, of a file that is one array,
     "FILE", each perhaps followed by an index as Python writes it ("[:, 0]", "[::4]").
 
@@ -104,8 +104,12 @@ def _read_matlab(path: Path, name: str) -> np.ndarray:
     from scipy.io import loadmat
 
     content = read_bytes(path, "a MATLAB file", ARRAY_BYTES)
+    order = MATLAB.get(content[HEADER - 4 : HEADER])
+    if order is None:
+        raise ValueError("it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7")
+    _require_harmless(content[HEADER:], order, (MATRIX, COMPRESSED))
     variable, *fields = name.split("/")
-    variables = loadmat(BytesIO(_unpacked(content)))
+    variables = loadmat(BytesIO(content))
     if variable not in variables:
         raise _missing(path, name, [key for key in variables if not key.startswith("__")])
     values = variables[variable]
@@ -114,46 +118,29 @@ def _read_matlab(path: Path, name: str) -> np.ndarray:
     return values.T
 
 
-def _unpacked(content: bytes) -> bytes:
-    """Unpack the compressed variables of a MATLAB file. Raises ValueError for another file, if the
-    variables have more than ARRAY_BYTES, since SciPy unpacks any number of bytes, and for a kind of
-    element on which SciPy crashes."""
-    order = MATLAB.get(content[HEADER - 4 : HEADER])
-    if order is None:
-        raise ValueError("it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7")
-    parts, left = [content[:HEADER]], ARRAY_BYTES
-    for kind, element in _elements(content[HEADER:], order):
-        variable = element
-        if kind == COMPRESSED:
-            variable = zlib.decompressobj().decompress(element[TAG:], left + 1)
-        left -= len(variable)
-        if left < 0:
-            raise ValueError(f"it unpacks to more than {ARRAY_BYTES} bytes; save it with -v7.3")
-        _require_known(variable, order)
-        parts.append(variable)
-    return b"".join(parts)
+def _require_harmless(content: bytes, order: str, kinds: Collection[int]) -> None:
+    """Raise ValueError for elements of a MATLAB file that unpack to more than ARRAY_BYTES, since
+    SciPy unpacks any number of bytes, and for one of an unknown kind, on which SciPy crashes.
 
-
-def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Yield the elements that follow one another, each as its kind and its bytes with the tag.
-    order: of bytes, "<" or ">"."""
-    at = 0
+    order: of bytes, "<" or ">". kinds: those that are allowed outside of arrays.
+    """
+    at, left = 0, ARRAY_BYTES
     while at + TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, at)
         if kind >> 16:  # a short element, within its tag
             kind, size = kind & 0xFFFF, 0
-        end = at + TAG + (size if kind == COMPRESSED else -(-size // TAG) * TAG)
-        yield kind, content[at:end]
-        at = end
-
-
-def _require_known(content: bytes, order: str) -> None:
-    """Raise ValueError for an element of an unknown kind, also within arrays."""
-    for kind, element in _elements(content, order):
-        if kind not in KINDS:
+        if kind not in kinds:
             raise ValueError(f"it has an element of the unknown kind {kind}")
-        if kind == MATRIX:
-            _require_known(element[TAG:], order)
+        at += TAG
+        element = content[at : at + size]
+        at += size if kind == COMPRESSED else -(-size // TAG) * TAG
+        if kind == COMPRESSED:
+            element = zlib.decompressobj().decompress(element, left + 1)
+            left -= len(element)
+            if left < 0:
+                raise ValueError(f"it unpacks to more than {ARRAY_BYTES} bytes; save it with -v7.3")
+        if kind in (COMPRESSED, MATRIX):
+            _require_harmless(element, order, KINDS)
 
 
 def _read_table(path: Path, title: str, skip_lines: int) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Capture folders: handbench's own format for the data of one scene."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,10 +19,9 @@ from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.simulation.known_effects import Choice
 from handbench.support.config import Config, Name, load, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, content_hash, inside, require_folder, write_text
+from handbench.support.files import atomic_folder, content_hash, inside, require_file, write_text
 from handbench.support.progress import say
 
-WHAT = "a capture (capture.toml, echoes.h5, …)"
 DESCRIPTION = "capture.toml"
 MAPPING = "mapping.toml"  # the description of a capture in other programs' files
 EMPTY_FILTERED = "emptyfiltered"  # frames of MAROON from which their empty room has been taken
@@ -104,12 +102,11 @@ class NativeCapture:
     def about(self) -> CaptureFile:
         """The description of the capture, from its `capture.toml`. Raises HandbenchError if this
         file, or a file that it lists, is missing."""
-        folder = require_folder(self.folder, WHAT)
-        description = load(CaptureFile, folder / DESCRIPTION, "a capture description")
+        description = load(CaptureFile, self.folder / DESCRIPTION, "a capture description")
         for name in description.contains:
-            if not os.path.exists(inside(folder, name, "capture.toml")):
+            if not inside(self.folder, name, DESCRIPTION).exists():
                 raise HandbenchError(
-                    f"{folder}: {name} is missing, although capture.toml lists it; copy the "
+                    f"{self.folder}: {name} is missing, although {DESCRIPTION} lists it; copy the "
                     "capture again"
                 )
         return description
@@ -121,22 +118,17 @@ class NativeCapture:
         the echoes, or in their file), then the capture's corrections (`corrections.json`), and
         print a line about each.
         """
-        folder = require_folder(self.folder, WHAT)
-        echoes = load_capture(folder / ECHOES).first_frames(frames)
-        if not calibrated:
-            return echoes
-        echoes, message = with_calibration(echoes, folder / ARRAY)
-        if message:
-            say(message)
-        return self._corrected(echoes)
-
-    def _corrected(self, echoes: RadarCapture) -> RadarCapture:
-        """Apply the capture's corrections to its echoes, if there are any, and print a line about
-        them."""
-        echoes, message = with_corrections(echoes, self.folder / CORRECTIONS)
-        if message:
-            say(message)
+        echoes = self._recorded().first_frames(frames)
+        if calibrated:
+            for corrected, file in ((with_calibration, ARRAY), (with_corrections, CORRECTIONS)):
+                echoes, message = corrected(echoes, self.folder / file)
+                if message:
+                    say(message)
         return echoes
+
+    def _recorded(self) -> RadarCapture:
+        """Read the echoes of all frames as they were recorded."""
+        return load_capture(self.folder / ECHOES)
 
     @property
     def photos(self) -> Path | None:
@@ -160,13 +152,9 @@ class NativeCapture:
         frames: how many are needed. Raises HandbenchError if there are fewer."""
         if not (self.folder / TRUTHS).is_dir():
             return ()
-        files = tuple(self.folder / TRUTHS / f"{frame:03d}.ply" for frame in range(frames))
-        if missing := [file.name for file in files if not file.is_file()]:
-            raise HandbenchError(
-                f"{self.folder / TRUTHS}: {missing[0]} is missing, but the capture has {frames} "
-                "frames; expected a true surface for each of them; make the capture again"
-            )
-        return files
+        what = f"a true surface at the start of each of {frames} frames"
+        files = (self.folder / TRUTHS / f"{frame:03d}.ply" for frame in range(frames))
+        return tuple(require_file(file, what) for file in files)
 
     def transform(self) -> Transform | None:
         """Read the transform from the photo frame to the radar frame; None if the capture has

@@ -6,7 +6,6 @@ SDK 3.6 user's guide and mmw_cli.c (.cfg); gAntDef_* and gAntennaSpacing of ante
 TI's SDK and radar toolbox (ti_boards.csv); antPhaseRot of TI's people tracking (its signs).
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -16,11 +15,10 @@ from pydantic import Field, model_validator
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, load_positions
 from handbench.radar.data.recording import Recording
-from handbench.radar.methods.advice import default_config
 from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes, read_text, require_file, require_folder
+from handbench.support.files import read_bytes, read_text, require_folder
 from handbench.support.limits import CSV_BYTES, KEPT_BYTES
 from handbench.support.progress import say
 
@@ -31,10 +29,9 @@ WHAT = "adc_data.bin and a .cfg, the chirp profile"
 # to the left and down. AWR1843BOOST has no unit: TI takes half a wavelength of the chirp. sign: -1
 # for a receiver that is fed from the other side.
 BOARDS = Path(__file__).with_name("ti_boards.csv")
-# commands of a .cfg → how many numbers they need, and their values where they are left out
-COMMANDS = {"channelCfg": 1, "adcCfg": 2, "profileCfg": 11, "chirpCfg": 8, "frameCfg": 4}
-COMMANDS |= {"adcbufCfg": 4, "lvdsStreamCfg": 4, "dfeDataOutputMode": 1}
-USUAL = {"adcbufCfg": [-1, 0, 0, 1, 1], "lvdsStreamCfg": [-1, 0, 1, 0], "dfeDataOutputMode": [1]}
+# commands of a .cfg that are needed, and those that may be left out
+NEEDED = ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg")
+USUAL = ("adcbufCfg -1 0 0 1 1", "lvdsStreamCfg -1 0 1 0", "dfeDataOutputMode 1")
 CHIRPS = 512  # that a frame may have
 Antenna = Annotated[int, Field(ge=1, le=4)]
 
@@ -68,11 +65,10 @@ class ChirpProfile(Config):
 
     @model_validator(mode="after")
     def _even_turns(self) -> Self:
-        transmitters, chirps = np.unique(self.transmitters, return_counts=True)
-        if len(set(chirps)) > 1:
+        if len(set(map(self.transmitters.count, self.transmitters))) > 1:
             raise ValueError(
-                f"the transmitters {transmitters.tolist()} have {chirps.tolist()} chirps in a "
-                "loop; expected the same number for each"
+                f"the transmitters of a loop's chirps are {self.transmitters}; expected the same "
+                "number of chirps for each"
             )
         return self
 
@@ -82,17 +78,17 @@ class ChirpProfile(Config):
         return self.start_hz + self.slope_hz_s * time_s
 
 
-def import_ti_raw(
-    source: str | Path, folder: str | Path, settings: Mapping[str, Any] | None = None
-) -> None:
+def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
     folder.
 
     settings: fields of `ChirpProfile` that replace those in the folder's .cfg. Raises
     HandbenchError if the files do not agree with the profile.
     """
+    from handbench.radar.methods.advice import default_config
+
     source = require_folder(source, WHAT)
-    profile, beat = read_raw(source, settings or {})
+    profile, beat = read_raw(source, settings)
     if profile.real:
         from scipy.signal import hilbert  # half a second
 
@@ -107,9 +103,8 @@ def import_ti_raw(
     places_m, gains = antennas(source, profile, transmitters)
     tones_hz = profile.tones_hz()
     capture = Recording(samples, tones_hz, places_m, None, gains, profile.sweeps).capture()
-    facts = {"kind": "other", "methods": default_config(tones_hz), "unknown": ("range_offset",)}
-    facts["source"] = " ".join(filter(None, ("TI raw capture", profile.board)))
-    save_echoes_folder(folder, capture, facts)
+    facts = {"kind": "other", "source": "TI raw capture", "methods": default_config(tones_hz)}
+    save_echoes_folder(folder, capture, facts | {"unknown": ("range_offset",)})
 
 
 def is_ti_raw(folder: Path) -> bool:
@@ -117,7 +112,7 @@ def is_ti_raw(folder: Path) -> bool:
     return any(folder.glob("*.bin")) and any(folder.glob("*.cfg"))
 
 
-def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
+def read_raw(source: Path, settings: dict[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
     """Read the chirp profile and the samples [frame, loop, chirp of the loop, receiver, sample] of
     a raw capture's folder, and warn if they are more or fewer frames than the profile's.
 
@@ -128,8 +123,8 @@ def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, n
     if len(profiles) != 1:
         names = ", ".join(path.name for path in profiles) or "none"
         raise HandbenchError(f"{source}: has {names}; expected one .cfg file, the chirp profile")
-    profile = parse(ChirpProfile, _read_cfg(profiles[0]) | dict(settings), str(profiles[0]))
-    samples = decode(_read_numbers(source), profile, str(source))
+    profile = parse(ChirpProfile, _read_cfg(profiles[0]) | settings, str(profiles[0]))
+    samples = _decode(_read_content(source), profile, source)
     if profile.frames not in (0, len(samples)):
         say(
             f"{source}: has {len(samples)} frames, but its .cfg asks for {profile.frames}; check "
@@ -138,42 +133,41 @@ def read_raw(source: Path, settings: Mapping[str, Any]) -> tuple[ChirpProfile, n
     return profile, samples
 
 
-def _read_numbers(source: Path) -> np.ndarray:
-    """Read the .bin files in a folder, in the order of the numbers in their names: int16 [n].
-    Raises HandbenchError if the DCA1000's own files are beside the one that is made of them."""
+def _read_content(source: Path) -> bytes:
+    """Read the .bin files in a folder, in the order of the numbers in their names. Raises
+    HandbenchError if the DCA1000's own files are beside the one that is made of them."""
     paths = sorted(source.glob("*.bin"), key=lambda path: (len(path.name), path.name))
-    size = sum(require_file(path, WHAT).stat().st_size for path in paths)
     raw = [path.name for path in paths if "_Raw_" in path.name]
     if 0 < len(raw) < len(paths):
         other = next(path.name for path in paths if path.name not in raw)
         raise HandbenchError(
             f"{source}: {other} and {raw[0]} are most likely the same recording; keep one of them"
         )
+    size = sum(path.stat().st_size for path in paths)
     require_memory(20.0 * size, f"{source}: {size} bytes of samples", "import fewer files")
-    content = b"".join(read_bytes(path, "samples of a radar", KEPT_BYTES) for path in paths)
-    return np.frombuffer(content[: len(content) // 2 * 2], "<i2")
+    return b"".join(read_bytes(path, "samples of a radar", KEPT_BYTES) for path in paths)
 
 
-def decode(numbers: np.ndarray, profile: ChirpProfile, where: str) -> np.ndarray:
-    """Arrange the numbers that were recorded, int16 [n], as samples [frame, loop, chirp of the
-    loop, receiver, sample].
+def _decode(content: bytes, profile: ChirpProfile, source: Path) -> np.ndarray:
+    """Arrange what was recorded, numbers of two bytes, as samples [frame, loop, chirp of the loop,
+    receiver, sample].
 
     The result is complex64, or float32 if the profile's samples are real. Raises HandbenchError
-    unless the numbers fill whole frames; where: beginning of its message.
+    unless the numbers fill whole frames; source: their folder, for its message.
     """
     n, parts, lanes = profile.samples, 1 if profile.real else 2, profile.lanes
     stored = 4 if lanes == 4 else len(profile.receivers)  # an unused one of four lanes has zeros
     chirps = profile.loops * len(profile.transmitters)
-    frame = chirps * stored * n * parts
-    if not len(numbers) or len(numbers) % frame or stored * n % 2:
+    frame = 2 * chirps * stored * n * parts
+    if not content or len(content) % frame or stored * n % 2:
         raise HandbenchError(
-            f"{where}: has {2 * len(numbers)} bytes, which is not a whole number of frames of "
-            f"{2 * frame} bytes ({chirps} chirps × {stored} receivers × {n} samples × {2 * parts} "
-            "bytes, with an even number of samples); check that the profile belongs to this "
-            "recording"
+            f"{source}: has {len(content)} bytes, which is not a whole number of frames of {frame} "
+            f"bytes ({chirps} chirps × {stored} receivers × {n} samples × {2 * parts} bytes, with "
+            "an even number of samples); check that the profile belongs to this recording"
         )
     # 4 lanes: I of all receivers at one time, then their Q; 2 lanes: I of two times, then their Q
-    by_part = numbers.reshape(-1, parts, lanes).swapaxes(0, 1).astype(np.float32)
+    numbers = np.frombuffer(content, "<i2").reshape(-1, parts, lanes)
+    by_part = numbers.swapaxes(0, 1).astype(np.float32)
     values = by_part[0]
     if not profile.real:
         values = np.empty(values.shape, np.complex64)
@@ -226,28 +220,26 @@ def antennas(
 def _read_cfg(path: Path) -> dict[str, Any]:
     """Convert a .cfg file, with commands of TI's mmWave SDK, to the fields of a `ChirpProfile`.
     Raises HandbenchError for a mode of the radar that handbench cannot read."""
-    lines: dict[str, list[list[float]]] = {name: [[*values]] for name, values in USUAL.items()}
+    lines: dict[str, list[list[str]]] = {}
     try:
-        for line in read_text(path, WHAT, CSV_BYTES).split("\n"):
+        for line in (*USUAL, *read_text(path, WHAT, CSV_BYTES).split("\n")):
             name, *words = line.split("%")[0].split() or [""]
-            if name in COMMANDS:
-                lines.setdefault(name, []).append([float(word) for word in words])
-        for name, count in COMMANDS.items():
-            if min(map(len, lines.get(name, [[]]))) < count:
-                raise ValueError(f"it has no {name} with {count} numbers or more")
-        return _fields(lines)
-    except (ValueError, OverflowError) as error:
+            lines.setdefault(name, []).append(words)
+        used = {*NEEDED, *(line.split()[0] for line in USUAL)}
+        return _fields({name: [[*map(float, words)] for words in lines[name]] for name in used})
+    except (ValueError, LookupError, OverflowError) as error:
         raise HandbenchError(
-            f"{path}: is not a chirp profile that handbench reads ({error}); expected the commands "
-            "as they were sent to the radar"
+            f"{path}: is not a chirp profile that handbench reads ({error}); expected "
+            f"{', '.join(NEEDED)} as they were sent to the radar"
         ) from None
 
 
 def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
     """Return the fields of a `ChirpProfile`. lines: command → the numbers of each of its lines.
-    Raises ValueError for a mode that handbench cannot read."""
+    Raises ValueError for a mode that handbench cannot read, and LookupError where a number
+    misses."""
     last = {name: of_command[-1] for name, of_command in lines.items()}
-    first, final, loops, frames = (int(value) for value in last["frameCfg"][:4])
+    first, final = map(int, last["frameCfg"][:2])
     chirps = [
         chirp
         for number in range(first, final + 1)[:CHIRPS]
@@ -273,12 +265,12 @@ def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
         "start_hz": profile[1] * 1e9,
         "adc_start_s": profile[3] * 1e-6,
         "slope_hz_s": profile[7] * 1e12,
-        "samples": int(profile[9]),
+        "samples": profile[9],
         "rate_hz": profile[10] * 1e3,
         "receivers": _antennas_of(last["channelCfg"][0]),
         "transmitters": tuple(antenna for [antenna] in senders),
-        "loops": loops,
-        "frames": frames,
+        "loops": last["frameCfg"][2],
+        "frames": last["frameCfg"][3],
         "real": last["adcCfg"][1] == 0,
         "order": "QI" if swap else "IQ",
         "lanes": 2 if apart else 4,

@@ -14,5 +14,5 @@ def run(options: argparse.Namespace) -> None:
     settings: dict[str, Any] = {}
     set_values(settings, options.settings, "parameter=S11")
     free_folder(options.out, options.overwrite, IMPORTED)
-    import_capture(options.dataset, options.source, options.out, settings)
+    import_capture(options.dataset, options.source, options.out, **settings)
     say(f"the capture is in {options.out}")

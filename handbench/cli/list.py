@@ -40,7 +40,7 @@ def _entries(section: str) -> Iterator[list[str]]:
     """Yield the entries of one section of `handbench list`, each as a list of the lines to print.
     section: a key of SECTIONS."""
     from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
-    from handbench.bench.datasets.dataset import KNOWN, foreign, importers
+    from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS, KNOWN
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.scenes.hand_pose import POSES
     from handbench.radar.methods.registry import BROKEN, methods, with_version
@@ -64,7 +64,7 @@ def _entries(section: str) -> Iterator[list[str]]:
         for name, facts in DECLARED.items():
             yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
     else:
-        imported = ", ".join((*foreign(), *importers()))
+        imported = ", ".join((*FOREIGN, *IMPORTERS))
         lines = {
             "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
             "benchmarks": embedded_benchmarks(),

@@ -20,7 +20,7 @@ STORED = SAMPLES.conj().T  # MATLAB's xr(rx, tx, frequency, frame), with e^{+jâ€
 PLACES_MM = {"tx": 1e3 * TX_M * [-1, 1, 1], "rx": 1e3 * RX_M * [-1, 1, 1]}  # x to the right
 STEPS = {"steps": {"start": 72, "stop": 82, "count": 5}, "unit": "GHz"}
 GRID = {
-    "columns": [{"start": -30, "step": 20, "count": 4}, [-20, 0, 20]],
+    "columns": [{"start": -30, "stop": 30, "count": 4}, [-20, 0, 20]],
     "unit": "mm",
     "x": "left",
 }
@@ -183,7 +183,7 @@ REFUSED = {
     "no axis of antennas": (of(axes=["frequency"]), "frequency 5"),
     "a table too many": ({"position": GRID}, "the tables do not fit"),
     "a table too few": (of(axes=["pair", "frequency"]), "the tables do not fit"),
-    "twice": (of(axes=["rx", "rx", "frequency"]), "each axis once"),
+    "twice": (of(axes=["rx", "rx", "frequency", "frame"]), r"expected \[frame, frequency 5, rx 4"),
     "background": (
         {"background": {"dataset": "xr", "axes": ["pair"], "reversed": True}},
         "background.axes",

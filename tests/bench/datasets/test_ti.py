@@ -78,7 +78,7 @@ def test_loops_as_frames_of_two_receivers_in_two_files(tmp_path):
     write(tmp_path, CFG.replace("channelCfg 15", "channelCfg 5")).joinpath("adc_data.bin").unlink()
     for name, part in (("a_2.bin", numbers[:99]), ("a_10.bin", numbers[99:])):
         (tmp_path / name).write_bytes(part)
-    import_ti_raw(tmp_path, tmp_path / "out", {"sweeps": "frames"})
+    import_ti_raw(tmp_path, tmp_path / "out", sweeps="frames")
     found = hb.load(tmp_path / "out").echoes.samples
     expected = samples[..., ::2, :].reshape(6, 2, 2, 8).conj().transpose(0, 3, 1, 2)
     np.testing.assert_array_equal(found, expected)
@@ -102,7 +102,7 @@ def test_a_point_has_the_phase_of_its_path(tmp_path, board, real):
     beat = np.exp(2j * np.pi * f * np.add.outer(*away_m)[..., None] / C)
     numbers = np.rint(9000 * np.array(signs)[:, None] * beat)[None, None]
     content = numbers.real.astype("<i2").tobytes() if real else stream(numbers)
-    import_ti_raw(write(tmp_path, cfg, content, places=False), tmp_path / "out", {"board": board})
+    import_ti_raw(write(tmp_path, cfg, content, places=False), tmp_path / "out", board=board)
     echoes = hb.load(tmp_path / "out").echoes
     ratio = echoes.samples[0].transpose(1, 2, 0) * beat / 9000
     inner = slice(24, -24) if real else slice(None)  # a Hilbert transform ends badly
@@ -117,7 +117,7 @@ def test_a_boards_own_files(tmp_path):
     write(tmp_path, cfg, places=False).joinpath("adc_data.bin").unlink()
     for k in range(1, 9):
         shutil.copy(CHAIR / "adc" / f"{k}.bin", tmp_path)
-    import_ti_raw(tmp_path, tmp_path / "out", {"board": "IWR6843ISK", "sweeps": "frames"})
+    import_ti_raw(tmp_path, tmp_path / "out", board="IWR6843ISK", sweeps="frames")
     samples = hb.load(tmp_path / "out").echoes.samples  # 32 loops of each of 8 files
     # the set has chirps 0 and 32; the transmitters alternate, so both are of the first
     truth = np.load(CHAIR / "sar_raw.npy", mmap_mode="r")[0, :8].conj()

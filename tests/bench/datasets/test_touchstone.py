@@ -61,7 +61,7 @@ def test_one_port_that_is_moved_is_a_scan(tmp_path):
 def test_another_parameter_of_a_few_of_many_pairs(tmp_path):
     rows = "".join(f"{k}.s2p,{k / 100},1,0,{k / 100},0,0\n" for k in range(12))
     files = {f"{k}.s2p": "# Hz S RI R 50\n1e9 1 0 2 0 3 0.5 4 0\n" for k in range(12)}
-    import_touchstone(written(tmp_path, files, rows), tmp_path / "out", {"parameter": "S12"})
+    import_touchstone(written(tmp_path, files, rows), tmp_path / "out", parameter="S12")
     echoes = hb.load(tmp_path / "out").echoes
     assert isinstance(echoes.aperture, BistaticScan)  # twelve pairs of 144
     np.testing.assert_array_equal(echoes.samples, np.full((1, 1, 12), 3 + 0.5j))
@@ -72,9 +72,9 @@ def test_another_parameter_of_a_few_of_many_pairs(tmp_path):
     [
         ({}, "", "positions.csv"),
         ({}, ROW, "a.s1p"),
-        ({"a.s1p": ONE}, "a.s1p,0,0\n", "positions.csv"),
+        ({"a.s1p": ONE}, "a.s1p,0,0\n", "tx_m"),
         ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,x\n", "positions.csv"),
-        ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,inf\n", "positions.csv"),
+        ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,inf\n", "rx_m"),
         ({}, "../a.s1p,0,0,0,0,0,0\n", "positions.csv"),
         ({"a.txt": ONE}, ROW.replace("s1p", "txt"), "a.txt"),
         ({"a.s1p": "# THz Q RI\n1 0.5 0\n"}, ROW, "a.s1p"),
@@ -97,4 +97,4 @@ def test_unknown_settings_are_refused(tmp_path):
     source = written(tmp_path, {"a.s1p": ONE}, ROW)
     for settings in ({"parameter": "S21"}, {"port": 2}):
         with pytest.raises(HandbenchError):
-            import_touchstone(source, tmp_path / "out", settings)
+            import_touchstone(source, tmp_path / "out", **settings)
