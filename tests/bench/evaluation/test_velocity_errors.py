@@ -146,5 +146,5 @@ def test_without_further_truths_all_frames_have_one(moving, tmp_path):
 def test_a_missing_truth_is_named(moving, tmp_path):
     capture, imaged = moving
     (capture / "truth" / "002.ply").unlink()
-    with pytest.raises(HandbenchError, match=r"truth: 002\.ply is missing, but .* 3 frames"):
+    with pytest.raises(HandbenchError, match=r"002\.ply: expected a true surface at .* 3 frames"):
         scores_of(capture, imaged, tmp_path / "scored")
