@@ -2,9 +2,8 @@
 and description."""
 
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomlkit
@@ -18,13 +17,15 @@ from handbench.bench.datasets.native import (
     TRUE_TRANSFORM,
     TRUTH,
     TRUTHS,
+    CaptureFile,
+    save_capture_file,
 )
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
 from handbench.bench.scenes.photographs import Studio, photo_effects
 from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
 from handbench.groundtruth.board.board import save_board
-from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap, save_cameras
+from handbench.groundtruth.cameras.cameras import load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.known_effects import Choice
@@ -36,11 +37,17 @@ from handbench.support.progress import say
 JPEG_QUALITY = 96
 # names of the files of a simulated capture
 WRITTEN = (
-    *(TRUE_TRANSFORM, DESCRIPTION, ECHOES, EMPTY, TRUTH, TARGET, f"{TRUTHS}/[0-9]*.ply"),
-    *(
-        f"{PHOTOS}/{name}"
-        for name in ("cam[0-9][0-9]*.jpg", "cameras.json", "truth_cameras.json", "board.toml")
-    ),
+    TRUE_TRANSFORM,
+    DESCRIPTION,
+    ECHOES,
+    EMPTY,
+    TRUTH,
+    TARGET,
+    f"{TRUTHS}/[0-9]*.ply",
+    f"{PHOTOS}/cam[0-9][0-9]*.jpg",
+    f"{PHOTOS}/cameras.json",
+    f"{PHOTOS}/truth_cameras.json",
+    f"{PHOTOS}/board.toml",
 )
 
 
@@ -96,55 +103,40 @@ def write_photos(
     if scene.cameras:
         studio = Studio(scene)
         rows += photo_effects(studio.photos)
-        write_photographs(scene, folder / PHOTOS, studio.photograph)
+        _write_photographs(scene, folder / PHOTOS, studio)
     contains = sorted(path.name for path in folder.iterdir())
-    write_text(folder / DESCRIPTION, tomlkit.dumps(description(scene, contains, rows)))
+    save_capture_file(folder, _described(scene, contains, rows))
     return rows
 
 
-def description(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> dict[str, Any]:
+def _described(scene: Scene, contains: list[str], rows: tuple[Choice, ...]) -> CaptureFile:
     """Return the content of a simulated capture's `capture.toml`. contains: names of the folder's
     other files; rows: the simulated effects."""
-    target, pose = scene.file.target, ""
-    kind = (
-        "hand"
-        if isinstance(target, HandTarget | MeshTarget)
-        else "other"
-        if scene.target is None
-        else "target"
+    target = scene.file.target
+    hand = isinstance(target, HandTarget | MeshTarget)
+    pose = target.pose if isinstance(target, HandTarget) else None
+    return CaptureFile(
+        name=scene.file.name,
+        kind="hand" if hand else "other" if scene.target is None else "target",
+        pose=pose if pose is None or isinstance(pose, str) else "free",
+        distance_m=target.distance_m,
+        seed=scene.file.seed,
+        box_m=scene.box_m.ravel().round(6).tolist(),
+        contains=tuple(contains),
+        effects=rows,
     )
-    if isinstance(target, HandTarget):
-        pose = target.pose if isinstance(target.pose, str) else "free"
-    return {
-        "version": 1,
-        "name": scene.file.name,
-        "kind": kind,
-        "pose": pose,
-        "distance_m": target.distance_m,
-        "units": "m",
-        "seed": scene.file.seed,
-        "box_m": scene.box_m.ravel().round(6).tolist(),
-        "contains": contains,
-        "effects": [row.model_dump(exclude_none=True) for row in rows],
-    }
 
 
-def write_photographs(
-    scene: Scene, folder: Path, photograph: Callable[[Camera, int], np.ndarray]
-) -> None:
+def _write_photographs(scene: Scene, folder: Path, studio: Studio) -> None:
     """Write the scene's photographs into a folder, with the intrinsics (`cameras.json`), the true
-    cameras (`truth_cameras.json`) and the ArUco board (`board.toml`).
-
-    photograph: function of a camera and its number that returns the picture, uint8 [height, width,
-    3], in the order blue, green, red.
-    """
+    cameras (`truth_cameras.json`) and the ArUco board (`board.toml`)."""
     import cv2
 
     load_pycolmap()  # here, not in a thread
 
     def take(number: int) -> None:
         camera = scene.cameras[number]
-        image = photograph(camera, number)
+        image = studio.photograph(camera, number)
         _, packed = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
         with atomic_path(folder / camera.name) as temporary:
             # not by OpenCV, which does not mind a full disk

@@ -29,8 +29,9 @@ WHAT = "adc_data.bin and a .cfg, the chirp profile"
 # to the left and down. AWR1843BOOST has no unit: TI takes half a wavelength of the chirp. sign: -1
 # for a receiver that is fed from the other side.
 BOARDS = Path(__file__).with_name("ti_boards.csv")
-# commands of a .cfg that are needed, and those that may be left out
-NEEDED = ("channelCfg", "adcCfg", "profileCfg", "chirpCfg", "frameCfg")
+# commands of a .cfg, first those that are read once; and those that may be left out
+COMMANDS = ("dfeDataOutputMode", "lvdsStreamCfg", "adcbufCfg", "channelCfg", "adcCfg", "frameCfg")
+COMMANDS += ("profileCfg", "chirpCfg")
 USUAL = ("adcbufCfg -1 0 0 1 1", "lvdsStreamCfg -1 0 1 0", "dfeDataOutputMode 1")
 CHIRPS = 512  # that a frame may have
 Antenna = Annotated[int, Field(ge=1, le=4)]
@@ -220,17 +221,17 @@ def antennas(
 def _read_cfg(path: Path) -> dict[str, Any]:
     """Convert a .cfg file, with commands of TI's mmWave SDK, to the fields of a `ChirpProfile`.
     Raises HandbenchError for a mode of the radar that handbench cannot read."""
-    lines: dict[str, list[list[str]]] = {}
+    lines: dict[str, list[list[float]]] = {}
     try:
         for line in (*USUAL, *read_text(path, WHAT, CSV_BYTES).split("\n")):
             name, *words = line.split("%")[0].split() or [""]
-            lines.setdefault(name, []).append(words)
-        used = {*NEEDED, *(line.split()[0] for line in USUAL)}
-        return _fields({name: [[*map(float, words)] for words in lines[name]] for name in used})
+            if name in COMMANDS:
+                lines.setdefault(name, []).append([*map(float, words)])
+        return _fields(lines)
     except (ValueError, LookupError, OverflowError) as error:
         raise HandbenchError(
             f"{path}: is not a chirp profile that handbench reads ({error}); expected "
-            f"{', '.join(NEEDED)} as they were sent to the radar"
+            f"{', '.join(COMMANDS)} as they were sent to the radar"
         ) from None
 
 
@@ -238,8 +239,8 @@ def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
     """Return the fields of a `ChirpProfile`. lines: command → the numbers of each of its lines.
     Raises ValueError for a mode that handbench cannot read, and LookupError where a number
     misses."""
-    last = {name: of_command[-1] for name, of_command in lines.items()}
-    first, final = map(int, last["frameCfg"][:2])
+    mode, stream, buffer, receivers, adc, frame = (lines[name][-1] for name in COMMANDS[:6])
+    first, final = map(int, frame[:2])
     chirps = [
         chirp
         for number in range(first, final + 1)[:CHIRPS]
@@ -249,8 +250,7 @@ def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
     senders = [_antennas_of(chirp[7]) for chirp in chirps]
     used = {chirp[2] for chirp in chirps}
     profiles = [profile for profile in lines["profileCfg"] if {profile[0]} == used]
-    _, headers, content, software, *_ = last["lvdsStreamCfg"]
-    if last["dfeDataOutputMode"][0] != 1 or headers or content not in (0, 1) or software:
+    if mode[0] != 1 or stream[1:4] not in ([0, 0, 0], [0, 1, 0]):
         raise ValueError("it needs dfeDataOutputMode 1 and lvdsStreamCfg -1 0 1 0, without headers")
     if len(chirps) != final - first + 1 or {len(antennas) for antennas in senders} != {1}:
         raise ValueError(
@@ -260,18 +260,18 @@ def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
         raise ValueError("all chirps of frameCfg need the same profileCfg, and no changes of it")
     profile = profiles[-1]
     # SDK 3 has the number of a subframe first, SDK 2 does not; 1: Q is first, 1: not interleaved
-    swap, apart = last["adcbufCfg"][-3:-1]
+    swap, apart = buffer[-3:-1]
     return {
         "start_hz": profile[1] * 1e9,
         "adc_start_s": profile[3] * 1e-6,
         "slope_hz_s": profile[7] * 1e12,
         "samples": profile[9],
         "rate_hz": profile[10] * 1e3,
-        "receivers": _antennas_of(last["channelCfg"][0]),
+        "receivers": _antennas_of(receivers[0]),
         "transmitters": tuple(antenna for [antenna] in senders),
-        "loops": last["frameCfg"][2],
-        "frames": last["frameCfg"][3],
-        "real": last["adcCfg"][1] == 0,
+        "loops": frame[2],
+        "frames": frame[3],
+        "real": adc[1] == 0,
         "order": "QI" if swap else "IQ",
         "lanes": 2 if apart else 4,
     }
