@@ -40,7 +40,7 @@ config = { x = AXIS, y = AXIS, z = { start_m = 0.27, stop_m = 0.29, step_m = 0.0
 def small_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A benchmark file with the scene and the mesh that it names. Times need not settle
     (test_treatments)."""
-    monkeypatch.setattr("handbench.bench.stages.reconstruct.SETTLE_S", 0.0)
+    monkeypatch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
     return write_bench(tmp_path / "bench")
 
 
@@ -52,7 +52,7 @@ def small_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     folder = tmp_path_factory.mktemp("small")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("handbench.bench.stages.reconstruct.SETTLE_S", 0.0)
+        patch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
         bench, base = load_benchmark(str(write_bench(folder / "bench")))
         run(bench, base, folder / "out")
     return folder / "out"

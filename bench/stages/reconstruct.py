@@ -34,8 +34,7 @@ TIMING = "timing.json"
 TREATED = "treated.npz"
 VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-SETTLED = 0.05  # of a median time: how near its interval shall be
-SETTLE_S = 0.5  # for how long that is tried
+REPEATED_S = 0.5  # for how long the imaging is repeated for its time
 FILTERS = "_filter_px"  # end of a configuration's names
 DROPS = "drop_"  # beginning of a configuration's names
 
@@ -79,7 +78,7 @@ def reconstruct(
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
         with cached_peaks(peaks):
             images = imager.images()
-        seconds = imager.until_settled(images.seconds)
+        seconds = imager.repeated(images.seconds)
         depths = [result.depth for result in images.results]
         if seconds[0] < PLANNED_S:
 
@@ -142,7 +141,7 @@ def time_again(
     with use_device(device), others() as busy:
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
         images = imager.images()
-        seconds = imager.until_settled(images.seconds)
+        seconds = imager.repeated(images.seconds)
     _write_times(folder, seconds, images.plan_s, busy[0])
 
 
@@ -269,15 +268,15 @@ class Imager:
             results, seconds or [first_s], plan_s, certificate.bound if certificate.images else None
         )
 
-    def until_settled(self, seconds: list[float]) -> list[float]:
-        """Repeat the imaging until the median of the times is known well enough (`settled`), or
-        half a second (SETTLE_S) has passed.
+    def repeated(self, seconds: list[float]) -> list[float]:
+        """Repeat the imaging for half a second (REPEATED_S), so that the median of fast methods is
+        that of many times.
         seconds: times measured so far, s. Returns these and the times of the repetitions."""
-        found, end = list(seconds), time.perf_counter() + SETTLE_S
-        while not settled(found) and time.perf_counter() + found[-1] < end:
-            with timed(found):
-                self.task.image(len(found) % self.frames)
-        return found
+        times, end = list(seconds), time.perf_counter() + REPEATED_S
+        while time.perf_counter() + times[-1] < end:
+            with timed(times):
+                self.task.image(len(times) % self.frames)
+        return times
 
 
 @contextmanager
@@ -286,19 +285,6 @@ def timed(seconds: list[float]) -> Iterator[None]:
     start = time.perf_counter()
     yield
     seconds.append(time.perf_counter() - start)
-
-
-def settled(seconds: list[float]) -> bool:
-    """Tell whether the median of the times is known well: its 95 % confidence interval, taken
-    between two order statistics, is at most 10 % of the median wide (2 × SETTLED)."""
-    from scipy.special import bdtr
-
-    n, ordered = len(seconds), sorted(seconds)
-    # as many of n times may be below the interval, by the binomial distribution
-    outer = int(np.searchsorted(bdtr(np.arange(n + 1), n, 0.5), 0.025))
-    if outer < 1:
-        return False
-    return ordered[-outer] - ordered[outer - 1] <= 2 * SETTLED * median(seconds)
 
 
 def write_treated(

@@ -309,7 +309,7 @@ def test_an_object_becomes_a_capture_folder(maroon, tmp_path):
 
 def test_from_the_folder_to_the_table_in_one_command(tmp_path, monkeypatch):
     """The paper's four methods, with MAROON's 128 tones."""
-    monkeypatch.setattr("handbench.bench.stages.reconstruct.SETTLE_S", 0.0)
+    monkeypatch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
     native = write_native(tmp_path / "native", echoes(1, np.linspace(72e9, 82e9, 128)))
     write_maroon(native, tmp_path / "maroon")
     assert main(["run", str(tmp_path / "maroon"), "-o", str(tmp_path / "out")]) == 0

@@ -53,7 +53,7 @@ for place, name, function in (
 ):
     DECLARED[function] = DECLARED[getattr(place, name)]  # whose code is the stage's
     setattr(place, name, function)
-reconstruct.SETTLE_S = 0.0  # nobody reads the times
+reconstruct.REPEATED_S = 0.0  # nobody reads the times
 cached = engine.cached
 
 def killed(root, stage):
