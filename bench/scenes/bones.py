@@ -16,8 +16,8 @@ import numpy as np
 from handbench.bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose
 from handbench.bench.scenes.people import LENGTHS_MM, MEAN, Person, person
 
-RADIAL, DISTAL, PALMAR = np.array([-1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, -1.0])
-HAND_AXES = np.stack([RADIAL, DISTAL, PALMAR], axis=1)  # palm frame from (radial, distal, palmar)
+HAND_AXES = np.diag([-1.0, 1.0, -1.0])  # palm frame from (radial, distal, palmar)
+RADIAL, DISTAL, PALMAR = HAND_AXES  # its rows, which are also its columns
 
 # Knuckle centres on the palm's transverse arch (radial, distal, palmar), millimetres; the direction
 # of each metacarpal (towards the thumb) and the roll of each finger's bending plane (fingers
@@ -33,6 +33,7 @@ ROLL_DEG = {"index": -4.0, "middle": 0.0, "ring": 3.0, "little": 6.0}
 THUMB_BASE_MM = (21.0, -37.0, 7.0)
 WRIST_MM = (0.0, -42.0, 1.0)
 FINGERS = tuple(KNUCKLES_MM)
+DIGITS = (*FINGERS, "thumb")
 # Flesh radii of each digit, millimetres: at the base of the proximal phalanx, its joints, and the
 # tip.
 RADII_MM = {
@@ -65,11 +66,16 @@ class Bone:
         """The distal joint [3], or the tip of the last bone, metres."""
         return self.start_m + self.length_m * self.axis
 
-    def at(self, along_m: float, palmar_m: float = 0.0, lateral_m: float = 0.0) -> np.ndarray:
-        """Return a point [3] given in the bone's own coordinates: along_m from the proximal joint
-        along the axis, palmar_m towards the palm's side, and lateral_m to the side."""
-        lateral = np.cross(self.axis, self.palmar)
-        return self.start_m + along_m * self.axis + palmar_m * self.palmar + lateral_m * lateral
+    def at(self, along_m: float, palmar_m: float = 0.0) -> np.ndarray:
+        """Return the point [3] that is along_m from the proximal joint along the axis, and palmar_m
+        towards the palm's side."""
+        return self.start_m + along_m * self.axis + palmar_m * self.palmar
+
+    def distance_m(self, points_m: np.ndarray) -> np.ndarray:
+        """Return the distances [n] of points [n, 3] from the bone's line, metres."""
+        relative_m = points_m - self.start_m
+        along_m = np.clip(relative_m @ self.axis, 0, self.length_m)
+        return np.linalg.norm(relative_m - along_m[:, None] * self.axis, axis=1)
 
     def child(self, flexion_deg: float, length_m: float) -> "Bone":
         """Return the next bone towards the fingertip. It starts at the end of this bone and is bent
@@ -154,22 +160,21 @@ def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarra
     bones = skeleton(pose, person)
     for digit in bones.values():
         for number, bone in enumerate(digit):
-            relative = points_m - bone.start_m
-            along_m = relative @ bone.axis
-            distance_m = np.linalg.norm(
-                relative - np.clip(along_m, 0, bone.length_m)[:, None] * bone.axis, axis=1
-            )
+            distance_m = bone.distance_m(points_m)
             nearer = distance_m < nearest_m - AS_NEAR_M
-            side = bones["middle"][0].palmar if number == 0 else bone.palmar
-            skin = relative[nearer] @ side > 0
             nearest_m[nearer] = distance_m[nearer]
-            on_palm[nearer] = skin & (along_m[nearer] > WRIST_SKIN_M) if number == 0 else skin
+            relative = points_m[nearer] - bone.start_m
+            if number == 0:
+                beyond_wrist = relative @ bone.axis > WRIST_SKIN_M
+                on_palm[nearer] = beyond_wrist & (relative @ bones["middle"][0].palmar > 0)
+            else:
+                on_palm[nearer] = relative @ bone.palmar > 0
     return on_palm
 
 
 def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
-    metacarpal_m, *phalanges_m = 1e-3 * (np.array(LENGTHS_MM[name]) * person.bones[name])
-    knuckle_m = 1e-3 * HAND_AXES @ (np.array(KNUCKLES_MM[name]) * person.palm)
+    metacarpal_m, proximal_m, middle_m, distal_m = _lengths_m(name, person)
+    knuckle_m = _on_palm_m(KNUCKLES_MM[name], person)
     roll = np.radians(ROLL_DEG[name])
     palmar = np.cos(roll) * PALMAR + np.sin(roll) * RADIAL
     along = _towards_thumb(METACARPAL_DEG[name])
@@ -177,27 +182,31 @@ def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
         knuckle_m - metacarpal_m * along, along, _orthogonal(palmar, along), metacarpal_m
     )
     spread = _towards_thumb(pose.spread_deg)
-    bones = [Bone(knuckle_m, spread, _orthogonal(palmar, spread), 0.0)]
-    for flexion_deg, length_m in zip(
-        (pose.mcp_deg, pose.pip_deg, pose.dip_deg), phalanges_m, strict=True
-    ):
-        bones.append(bones[-1].child(flexion_deg, length_m))
-    return (metacarpal, *bones[1:])
+    knuckle = Bone(knuckle_m, spread, _orthogonal(palmar, spread), 0.0)
+    proximal = knuckle.child(pose.mcp_deg, proximal_m)
+    middle = proximal.child(pose.pip_deg, middle_m)
+    return metacarpal, proximal, middle, middle.child(pose.dip_deg, distal_m)
 
 
 def _thumb(pose: ThumbPose, person: Person) -> tuple[Bone, ...]:
-    metacarpal_m, proximal_m, distal_m = 1e-3 * (
-        np.array(LENGTHS_MM["thumb"]) * person.bones["thumb"]
-    )
+    metacarpal_m, proximal_m, distal_m = _lengths_m("thumb", person)
     out, turn = np.radians(pose.palmar_deg), np.radians(pose.opposition_deg)
     axis = np.cos(out) * _towards_thumb(pose.radial_deg) + np.sin(out) * PALMAR
     across = _orthogonal(-RADIAL, axis)
     palmar = np.cos(turn) * across + np.sin(turn) * np.cross(across, axis)
-    metacarpal = Bone(
-        1e-3 * HAND_AXES @ (np.array(THUMB_BASE_MM) * person.palm), axis, palmar, metacarpal_m
-    )
+    metacarpal = Bone(_on_palm_m(THUMB_BASE_MM, person), axis, palmar, metacarpal_m)
     proximal = metacarpal.child(pose.mcp_deg, proximal_m)
     return metacarpal, proximal, proximal.child(pose.ip_deg, distal_m)
+
+
+def _lengths_m(name: str, person: Person) -> np.ndarray:
+    return 1e-3 * (np.array(LENGTHS_MM[name]) * person.bones[name])
+
+
+def _on_palm_m(point_mm: tuple[float, float, float], person: Person) -> np.ndarray:
+    """Return a point [3] of a person's palm in the palm frame. point_mm: its (radial, distal,
+    palmar) coordinates on the mean hand."""
+    return 1e-3 * HAND_AXES @ (np.array(point_mm) * person.palm)
 
 
 def _towards_thumb(angle_deg: float) -> np.ndarray:
@@ -214,11 +223,6 @@ TOUCHING_M = 2e-3
 # deviations from contact and from the letter's angles with the same weight
 CONTACT_M, ANGLE_DEG = (2e-4, 5.0)
 BALLS = 6  # of each bone
-ANGLES: dict[str, tuple[str, ...]] = {
-    name: ("mcp_deg", "pip_deg", "dip_deg", "spread_deg") for name in FINGERS
-}
-ANGLES["thumb"] = ("radial_deg", "palmar_deg", "opposition_deg", "mcp_deg", "ip_deg")
-Balls = tuple[np.ndarray, np.ndarray]  # centres [n, 3] and radii [n], metres
 
 
 @cache
@@ -230,48 +234,33 @@ def person_pose(pose: Pose, number: int) -> Pose:
         return pose
     from scipy.optimize import least_squares
 
-    known = _gaps_m(pose, MEAN)
-    touch = known < TOUCHING_M
-    given = np.array(
-        [getattr(getattr(pose, digit), angle) for digit, names in ANGLES.items() for angle in names]
-    )
+    mean_m = _gaps_m(pose, MEAN)
+    touch = mean_m < TOUCHING_M
+    digits = [getattr(pose, name) for name in DIGITS]
+    given = np.array([angle for digit in digits for _, angle in digit])
+    ranges = [field.metadata for digit in digits for field in type(digit).model_fields.values()]
+    limits = np.array([(least.ge, most.le) for least, most in ranges]).T
 
     def misfit(angles_deg: np.ndarray) -> np.ndarray:
-        off_m = _gaps_m(_posed(pose, angles_deg), person(number)) - np.where(
-            touch, known, TOUCHING_M
-        )
-        return np.r_[
-            np.where(touch, off_m, np.minimum(off_m, 0)) / CONTACT_M,
-            (angles_deg - given) / ANGLE_DEG,
-        ]
+        gaps_m = _gaps_m(_posed(pose, angles_deg), person(number))
+        off_m = np.where(touch, gaps_m - mean_m, np.minimum(gaps_m - TOUCHING_M, 0))
+        return np.r_[off_m / CONTACT_M, (angles_deg - given) / ANGLE_DEG]
 
-    limits = np.array(
-        [_limits(pose, digit, angle) for digit, names in ANGLES.items() for angle in names]
-    ).T
     inside = np.clip(given, limits[0] + 1e-6, limits[1] - 1e-6)
-    found = least_squares(
+    fit = least_squares(
         misfit, inside, bounds=limits, diff_step=1e-4, x_scale=ANGLE_DEG, max_nfev=40
     )
-    return _posed(pose, np.round(found.x, 3))
-
-
-def _limits(pose: Pose, digit: str, angle: str) -> tuple[float, float]:
-    """Return the smallest and the largest value that is allowed for a joint angle, degrees. digit,
-    angle: names such as "index" and "mcp_deg"."""
-    bounds = type(getattr(pose, digit)).model_fields[angle].metadata
-    return next(b.ge for b in bounds if hasattr(b, "ge")), next(
-        b.le for b in bounds if hasattr(b, "le")
-    )
+    return _posed(pose, np.round(fit.x, 3))
 
 
 def _posed(pose: Pose, angles_deg: np.ndarray) -> Pose:
     """Return the pose with its joint angles replaced by angles_deg [n], which lists the angles of
-    all digits (in the order of ANGLES: index to little finger, then thumb)."""
-    values = iter(map(float, angles_deg))
-    digits = {
-        digit: getattr(pose, digit).model_copy(update={angle: next(values) for angle in names})
-        for digit, names in ANGLES.items()
-    }
+    all digits in the order of DIGITS."""
+    values, digits = iter(angles_deg.tolist()), {}
+    for name in DIGITS:
+        digit = getattr(pose, name)
+        angles = dict(zip(type(digit).model_fields, values, strict=False))
+        digits[name] = digit.model_copy(update=angles)
     return pose.model_copy(update=digits)
 
 
@@ -282,31 +271,27 @@ def _gaps_m(pose: Pose, of: Person) -> np.ndarray:
     The pairs are: the thumb and each finger, thumb and palm, neighbouring fingers (beyond the skin
     that joins them), and each finger and the palm.
     """
-    bones = skeleton_of_palm(pose, of)
-    radii = {name: radii_m(name, of) for name in bones}  # of each phalanx at both ends
-    flesh = {
-        name: list(map(_balls, bones[name][1:], radii[name], radii[name][1:])) for name in bones
-    }
-    palm = _all([_balls(bones[name][0], radii[name][0], radii[name][0]) for name in FINGERS])
-    thumb = _all(flesh["thumb"])
-    gaps = [_gap_m(thumb, _all(flesh[name])) for name in FINGERS] + [_gap_m(thumb, palm)]
-    gaps += [_gap_m(_all(flesh[a][1:]), _all(flesh[b][1:])) for a, b in itertools.pairwise(FINGERS)]
-    gaps += [_gap_m(_all(flesh[name][1:]), palm) for name in FINGERS]
-    return np.array(gaps)
+    bones, radii = skeleton_of_palm(pose, of), {name: radii_m(name, of) for name in DIGITS}
+    flesh = {name: _balls(bones[name][1:], radii[name]) for name in DIGITS}
+    palm = np.concatenate([_balls(bones[name][:1], radii[name][[0, 0]]) for name in FINGERS])
+    thumb = flesh.pop("thumb")
+    outer = [finger[BALLS:] for finger in flesh.values()]
+    pairs = [(thumb, other) for other in (*flesh.values(), palm)]
+    pairs += [*itertools.pairwise(outer), *((finger, palm) for finger in outer)]
+    return np.array([_gap_m(*pair) for pair in pairs])
 
 
-def _balls(bone: Bone, start_radius_m: float, end_radius_m: float) -> Balls:
-    along = np.linspace(0, 1, BALLS)
-    radius_m = start_radius_m + along * (end_radius_m - start_radius_m)
-    return bone.start_m + along[:, None] * bone.length_m * bone.axis, radius_m
+def _balls(bones: tuple[Bone, ...], radii_m: np.ndarray) -> np.ndarray:
+    """Return balls that fill the flesh around successive bones, as rows (x, y, z, radius) [n, 4],
+    metres. radii_m: of the flesh at the start of the first bone, and at each bone's end."""
+    along = np.linspace(0, 1, BALLS)[:, None]
+    parts = [
+        (bone.start_m + along * bone.length_m * bone.axis, start_m + along * (end_m - start_m))
+        for bone, start_m, end_m in zip(bones, radii_m, radii_m[1:], strict=False)
+    ]
+    return np.concatenate([np.hstack(part) for part in parts])
 
 
-def _all(parts: list[Balls]) -> Balls:
-    return np.concatenate([centres for centres, _ in parts]), np.concatenate(
-        [radii for _, radii in parts]
-    )
-
-
-def _gap_m(a: Balls, b: Balls) -> float:
-    apart = np.linalg.norm(a[0][:, None] - b[0], axis=2)
-    return float((apart - a[1][:, None] - b[1]).min())
+def _gap_m(a: np.ndarray, b: np.ndarray) -> float:
+    apart_m = np.linalg.norm(a[:, None, :3] - b[:, :3], axis=2)
+    return float((apart_m - a[:, 3:] - b[:, 3]).min())

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.bench.scenes.bones import (
+    DIGITS,
     DISTAL,
     FINGERS,
     HAND_AXES,
@@ -81,7 +82,7 @@ def palm_field(pose: Pose, person: Person) -> Field:
     the palm frame to metres [n], negative inside. The sign is exact, the distance approximate."""
     bones = skeleton_of_palm(pose, person)
     palm = _palm(bones, pose.wrist, person)
-    digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in (*FINGERS, "thumb")}
+    digits = {name: _digit(bones[name][1:], radii_m(name, person)) for name in DIGITS}
     # from the forearm to the wrist
     arm = HAND_AXES @ forearm_from_palm(pose.wrist) @ HAND_AXES.T @ DISTAL
     end_m = arm @ (1e-3 * HAND_AXES @ _bent(pose.wrist, (0.0, FOREARM_END_MM, 0.0), person))
@@ -184,13 +185,11 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
     thick = person.palm[2]
 
     def cone(
-        start_mm: ArrayLike, end_mm: ArrayLike, start_radius_mm: float, end_radius_mm: float
+        start_mm: np.ndarray, end_mm: np.ndarray, start_radius_mm: float, end_radius_mm: float
     ) -> Field:
         """Return a round cone between two points in (radial, distal, palmar) coordinates,
         millimetres; the radii are multiplied by the person's thickness."""
-        start_m, end_m = (
-            1e-3 * HAND_AXES @ np.asarray(point, dtype=float) for point in (start_mm, end_mm)
-        )
+        start_m, end_m = (1e-3 * HAND_AXES @ point_mm for point_mm in (start_mm, end_mm))
         return round_cone(
             start_m, end_m, 1e-3 * (thick * start_radius_mm), 1e-3 * (thick * end_radius_mm)
         )
@@ -222,7 +221,7 @@ def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
     length = bone.length_m
     return smooth_union(
         [
-            round_cone(bone.at(0, 0.5e-3), bone.at(length, 0), thick * 11e-3, base_m),
+            round_cone(bone.at(0, 0.5e-3), bone.at(length), thick * 11e-3, base_m),
             round_cone(
                 bone.at(0.98 * length, 2.5e-3),
                 bone.at(1.12 * length, 2e-3),
@@ -245,7 +244,7 @@ def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]
     from_middle = middle.at(0.15 * middle.length_m, thick * 6e-3)
     from_index = index.at(0.5 * index.length_m, thick * 2e-3)
     return [
-        round_cone(thumb.at(0, 0), thumb.at(length, 0), thick * 12e-3, thick * 10e-3),
+        round_cone(thumb.at(0), thumb.at(length), thick * 12e-3, thick * 10e-3),
         round_cone(inner, muscle, thick * 12e-3, thick * 10e-3),
         round_cone(from_middle, muscle, thick * 10e-3, thick * 8e-3),
         round_cone(from_index, web, thick * 9e-3, thick * 7e-3),

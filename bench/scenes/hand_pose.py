@@ -4,13 +4,12 @@ and Z), which are read from letters.toml.
 Angles beyond what a supple healthy hand can do are refused.
 """
 
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from pydantic import Field
 
-from handbench.support.config import Config
+from handbench.support.config import Config, read_toml
 
 Turn = Annotated[float, Field(ge=-180, le=180)]
 
@@ -76,28 +75,16 @@ class Pose(Config):
     turn_deg: tuple[Turn, Turn, Turn] = (0.0, 0.0, 0.0)
 
 
-ConfigT = TypeVar("ConfigT", bound=Config)
-
-
-def between(start: ConfigT, end: ConfigT, share: float) -> ConfigT:
-    """Return the pose whose angles are start + share · (end − start). share: 0 to 1; beyond, angles
-    may exceed what a hand can do."""
-    return start.model_copy(
-        update={name: _between(value, getattr(end, name), share) for name, value in start}
-    )
-
-
-def _between(start: Any, end: Any, share: float) -> Any:
+def between(start: Any, end: Any, share: float) -> Any:
+    """Return the pose whose angles are start + share · (end − start); likewise for one joint's
+    angles. share: 0 to 1; beyond, angles may exceed what a hand can do."""
     if isinstance(start, Config):
-        return between(start, end, share)
+        angles = {name: between(angle, getattr(end, name), share) for name, angle in start}
+        return start.model_copy(update=angles)
     if isinstance(start, tuple):
-        return tuple(_between(a, b, share) for a, b in zip(start, end, strict=True))
+        return tuple(between(a, b, share) for a, b in zip(start, end, strict=True))
     return start + share * (end - start)
 
 
-POSES = {
-    name: Pose.model_validate(angles)
-    for name, angles in tomllib.loads(
-        Path(__file__).with_name("letters.toml").read_text("utf-8")
-    ).items()
-}
+LETTERS = Path(__file__).with_name("letters.toml")
+POSES = {name: Pose.model_validate(angles) for name, angles in read_toml(LETTERS, "poses").items()}

@@ -25,19 +25,15 @@ def round_cone(
 ) -> Field:
     """Return the exact signed distance to a round cone, as a function of points [n, 3].
 
-    A round cone is the convex hull of two spheres, given by their centres [3] and radii. Raises
-    ValueError if one sphere contains the other.
+    A round cone is the convex hull of two spheres, given by their centres [3] and radii; neither
+    contains the other.
     """
     start = np.asarray(start_m, np.float64)
     axis = np.asarray(end_m, np.float64) - start
     length = float(np.linalg.norm(axis))
     unit = axis / length
     sine = (start_radius_m - end_radius_m) / length
-    if abs(sine) >= 1:
-        raise ValueError(
-            "round_cone: one end sphere is inside the other; use a longer cone or more similar "
-            "radii"
-        )
+    assert abs(sine) < 1  # neither sphere contains the other
     slope = float(sine / np.sqrt(1 - sine**2))
 
     return lambda points: _to_cone(points, start, unit, length, slope, sine, start_radius_m)
@@ -122,7 +118,8 @@ def project(field: Field, points_m: np.ndarray) -> np.ndarray:
     off = np.arange(len(points_m))
     for _ in range(NEWTON_STEPS):
         values = evaluate(field, points_m[off])
-        off, values = off[np.abs(values) > ON_SURFACE_M], values[np.abs(values) > ON_SURFACE_M]
+        beside = np.abs(values) > ON_SURFACE_M
+        off, values = off[beside], values[beside]
         slope = gradient(field, points_m[off])
         # a flat spot must throw no point far away
         steepness = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)
@@ -186,12 +183,10 @@ def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
 def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Compute, for every vertex of a closed mesh, the mean [n, 3] of the vertices that an edge
     connects to it. vertices_m [n, 3]; faces [m, 3]: vertex indices."""
-    total, count = np.zeros_like(vertices_m), np.zeros(len(vertices_m))
-    # in a closed mesh these three run along each edge once per direction
-    for a, b in ((0, 1), (1, 2), (2, 0)):
-        np.add.at(total, faces[:, a], vertices_m[faces[:, b]])
-        np.add.at(count, faces[:, a], 1)
-    return total / count[:, None]
+    # in a closed mesh the triangles' edges run along each edge once per direction
+    start, end = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    total = np.stack([np.bincount(start, column) for column in vertices_m[end].T], axis=1)
+    return total / np.bincount(start)[:, None]
 
 
 def remesh(

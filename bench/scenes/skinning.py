@@ -28,7 +28,7 @@ class SkinnedHand:
     def __init__(self, vertices_m: np.ndarray, start: Pose, person: Person) -> None:
         self.person, self.vertices_m = person, vertices_m
         self._bones = list(_bones(start, person))
-        distance_m = np.stack([_distance_m(bone, vertices_m) for bone in self._bones])
+        distance_m = np.stack([bone.distance_m(vertices_m) for bone in self._bones])
         near = (distance_m.min(axis=0) / distance_m) ** FALL
         self._weights = near / near.sum(axis=0)
 
@@ -56,13 +56,6 @@ def _bones(pose: Pose, person: Person) -> Iterator[Bone]:
     wrist_m = turn @ (1e-3 * np.array(WRIST_MM) * person.palm)
     arm = turn @ forearm_from_palm(pose.wrist)
     yield Bone(wrist_m, -arm[:, 1], arm[:, 2], FOREARM_M)
-
-
-def _distance_m(bone: Bone, points_m: np.ndarray) -> np.ndarray:
-    """Return the distances [n] of points [n, 3] from a bone's line, metres."""
-    relative_m = points_m - bone.start_m
-    along_m = np.clip(relative_m @ bone.axis, 0, bone.length_m)
-    return np.linalg.norm(relative_m - along_m[:, None] * bone.axis, axis=1)
 
 
 def _axes(bone: Bone) -> np.ndarray:

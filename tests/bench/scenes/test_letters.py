@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.scenes.bones import (
+    DIGITS,
     DISTAL,
     FINGERS,
     PALMAR,
@@ -23,7 +24,6 @@ from handbench.bench.scenes.hand_pose import POSES, Pose
 from handbench.bench.scenes.people import MEAN, Person
 from tests.bench.scenes.hand_field import hand_field
 
-DIGITS = (*FINGERS, "thumb")
 CONTACT_M = 1.5e-3  # flesh gives way by this much where digits touch
 # finger by finger from the index on: | raised, / raised but bent by up to 45°, . bent
 RAISED = {
