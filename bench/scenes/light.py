@@ -21,18 +21,15 @@ class Lamp:
     radius_m: float
     irradiance: float
 
-    @property
-    def reach_m(self) -> float:
-        """Distance from the lamp to the board's centre, for which `irradiance` is given, metres."""
-        return float(np.linalg.norm(self.centre_m))
-
     def samples_m(self) -> np.ndarray:
         """Return points [n, 3] spread evenly over the lamp's disc, in the photo frame, metres."""
         centre_m = np.array(self.centre_m)
         z = centre_m / np.linalg.norm(centre_m)
         x = np.cross([0.0, 1.0, 0.0], z)
         x /= np.linalg.norm(x)
-        u, v = sunflower(self.radius_m, LAMP_SAMPLES)
+        k = np.arange(LAMP_SAMPLES) + 0.5
+        radius_m, angle = self.radius_m * np.sqrt(k / LAMP_SAMPLES), k * np.pi * (3 - np.sqrt(5))
+        u, v = radius_m * np.cos(angle), radius_m * np.sin(angle)
         return centre_m + u[:, None] * x + v[:, None] * np.cross(z, x)
 
 
@@ -53,16 +50,16 @@ def bake(rays: RaycastingScene, body: PhotoBody) -> np.ndarray:
     origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
     result = np.zeros(len(origins_m))
     for lamp in LAMPS:
-        samples_m = lamp.samples_m()
+        samples_m, reach_m = lamp.samples_m(), np.linalg.norm(lamp.centre_m)
         for lamp_m in samples_m:
             towards = lamp_m - origins_m
             distance_m = np.linalg.norm(towards, axis=1)
             cosine = np.maximum(np.einsum("ij,ij->i", towards, body.normals) / distance_m, 0)
-            falloff = (lamp.reach_m / distance_m) ** 2
+            falloff = (reach_m / distance_m) ** 2
             unshadowed = clear(rays, origins_m, towards, cosine > 0)
             result += lamp.irradiance / len(samples_m) * cosine * falloff * unshadowed
     open_sky, whole_sky = np.zeros(len(origins_m)), np.zeros(len(origins_m))
-    for direction in _sphere(SKY_SAMPLES):
+    for direction in _sphere():
         cosine = np.maximum(body.normals @ direction, 0)
         whole_sky += cosine
         open_sky += cosine * clear(
@@ -87,18 +84,11 @@ def clear(
     return result
 
 
-def sunflower(radius: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the x [count] and y [count] of points that are spread evenly over a disc of this
-    radius."""
-    k = np.arange(count) + 0.5
-    r, angle = radius * np.sqrt(k / count), k * np.pi * (3 - np.sqrt(5))
-    return r * np.cos(angle), r * np.sin(angle)
-
-
-def _sphere(count: int) -> np.ndarray:
-    """Return unit directions [count, 3] that are spread evenly over the sphere (a Fibonacci
+def _sphere() -> np.ndarray:
+    """Return unit directions [SKY_SAMPLES, 3] that are spread evenly over the sphere (a Fibonacci
     lattice)."""
-    z = 1 - 2 * (np.arange(count) + 0.5) / count
-    angle = np.arange(count) * np.pi * (3 - np.sqrt(5))
+    k = np.arange(SKY_SAMPLES)
+    z = 1 - 2 * (k + 0.5) / SKY_SAMPLES
+    angle = k * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)

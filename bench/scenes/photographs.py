@@ -1,7 +1,7 @@
 """Simulated photographs of a scene, by ray casting: diffuse light computed at vertices, solid
 textures, blur and the sensor's noise."""
 
-from typing import Any
+import itertools
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from handbench.bench.scenes.light import bake
 from handbench.bench.scenes.scene_file import Photos
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.radar.simulation.known_effects import Choice
-from handbench.support.errors import HandbenchError
 from handbench.support.rays import load_open3d
 
 ROOM = 0.03  # radiance of the dark room behind the stand
@@ -19,24 +18,16 @@ EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see a
 ROWS = 32  # photographed at a time: what they need on the way stays in the cache
 EDGE_SAMPLES = 3  # sub-pixels per direction at an edge
 NOISE = 3  # seed of the noise's generator, with the scene's and the photograph's
-IDEAL: dict[
-    str, dict[str, Any]
-] = {  # by effect: the keys of [photos] that cause it, with the values that do not
-    "blur": {"blur_px": 0.0},
-    "noise": {"full_well_e": 1e12, "read_noise_e": 0.0},  # far below a step of 8 bits
-}
 
 
 def photo_effects(photos: Photos) -> tuple[Choice, ...]:
-    """Return one row for each effect of photographs, blur and noise: whether it is on, and why. An
-    effect is on if a key in the scene file's table [photos] that causes it differs from its ideal
-    value."""
-    rows = []
-    for name, ideal in IDEAL.items():
-        on = any(getattr(photos, key) != value for key, value in ideal.items())
-        why = "named in [photos]" if on else f"needs photos.{next(iter(ideal))}"
-        rows.append(Choice(effect=f"photos.{name}", on=on, why=why))
-    return tuple(rows)
+    """Return one row for each effect of photographs: whether it is on, and why."""
+    blurred = photos.blur_px > 0
+    why = "named in [photos]"
+    return (
+        Choice(effect="photos.blur", on=blurred, why=why if blurred else "needs photos.blur_px"),
+        Choice(effect="photos.noise", on=True, why=why),
+    )
 
 
 class Studio:
@@ -47,8 +38,7 @@ class Studio:
         assert scene.file.photos is not None  # as there are cameras
         self.photos, self.seed = scene.file.photos, scene.file.seed
         self.bodies = bodies(scene)
-        o3d = load_open3d()
-        self.rays = o3d.t.geometry.RaycastingScene()
+        self.rays = load_open3d().t.geometry.RaycastingScene()
         for body in self.bodies:
             self.rays.add_triangles(
                 body.vertices_m.astype(np.float32), body.faces.astype(np.uint32)
@@ -60,24 +50,35 @@ class Studio:
         number: seed of the photograph's noise."""
         import cv2
 
-        radiance, photos = self.expose(camera), self.photos
-        if photos.blur_px > 0:
-            radiance = cv2.GaussianBlur(radiance, (0, 0), photos.blur_px)
-        return develop(radiance, photos, self.seed, number)[..., ::-1]
+        radiance, blur_px = self.expose(camera), self.photos.blur_px
+        if blur_px > 0:
+            radiance = cv2.GaussianBlur(radiance, (0, 0), blur_px)
+        return self._develop(radiance, number)[..., ::-1]
+
+    def _develop(self, radiance: np.ndarray, number: int) -> np.ndarray:
+        """Convert radiance [height, width, 3], with 1 for white, to 8-bit sRGB [height, width, 3],
+        with noise. number: of the photograph; with the scene's seed, it determines the noise."""
+        random, full_well_e = (
+            np.random.default_rng([self.seed, NOISE, number]),
+            self.photos.full_well_e,
+        )
+        parts = []
+        for top in range(0, len(radiance), ROWS):
+            electrons = np.maximum(radiance[top : top + ROWS], 0) * full_well_e
+            spread = np.sqrt(electrons + self.photos.read_noise_e**2)
+            noise = spread * random.standard_normal(electrons.shape, dtype=np.float32)
+            parts.append(_srgb((electrons + noise) / full_well_e))
+        return np.concatenate(parts)
 
     def expose(self, camera: Camera) -> np.ndarray:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
         white, without blur and noise. Pixels at edges are means of several rays."""
         directions = ray_directions(camera)
-        radiance = np.empty(directions.shape, dtype=np.float32)
-        distance_m, label = (
-            np.empty(directions.shape[:2], dtype=kind) for kind in (np.float32, np.int32)
-        )
-        for top in range(0, camera.height, ROWS):
-            part = slice(top, top + ROWS)
-            radiance[part], distance_m[part], label[part] = self.shoot(
-                camera.centre_m, directions[part]
-            )
+        parts = [
+            self.shoot(camera.centre_m, directions[top : top + ROWS])
+            for top in range(0, camera.height, ROWS)
+        ]
+        radiance, distance_m, label = map(np.concatenate, zip(*parts, strict=True))
         edge = _edges(distance_m, label)
         radiance[edge] = self._supersample(camera.centre_m, directions, edge)
         return radiance
@@ -92,23 +93,18 @@ class Studio:
         the dark room).
         """
         rays = directions.reshape(-1, 3)
-        query = np.empty((len(rays), 6), dtype=np.float32)
-        query[:, :3], query[:, 3:] = origin_m, rays
+        query = np.hstack([np.broadcast_to(origin_m, rays.shape), rays]).astype(np.float32)
         hits = {
-            key: found.numpy()
-            for key, found in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
+            key: hit.numpy()
+            for key, hit in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
         }
         # the number of none is the largest: -1
-        distance_m, label = (hits["t_hit"], hits["geometry_ids"].view(np.int32))
+        distance_m, label = hits["t_hit"], hits["geometry_ids"].view(np.int32)
         radiance = np.full(rays.shape, ROOM, dtype=np.float32)
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
             seen = np.flatnonzero(label == number)
-            ray, uv, weights = (
-                rays[seen],
-                hits["primitive_uvs"][seen],
-                np.empty((len(seen), 3), dtype=np.float32),
-            )
-            weights[:, 0], weights[:, 1:] = 1 - (uv[:, 0] + uv[:, 1]), uv
+            ray, uv = rays[seen], hits["primitive_uvs"][seen]
+            weights = np.column_stack([1 - (uv[:, 0] + uv[:, 1]), uv])
             corners = body.faces[hits["primitive_ids"][seen]]
             points_m = origin_m + distance_m[seen, None].astype(np.float64) * ray
             irradiance = np.einsum("ij,ij->i", light[corners], weights).astype(np.float32)
@@ -125,41 +121,27 @@ class Studio:
         centre_m [3]: the camera's centre. directions [height, width, 3]: rays through the pixels'
         centres.
         """
-        right, down = _pixel_steps(directions, edge)
+        height, width = edge.shape
+        rows, columns = np.nonzero(edge)
+        r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
+        right = (directions[r, c + 1] - directions[r, c - 1]) / 2  # from one pixel to the next
+        down = (directions[r + 1, c] - directions[r - 1, c]) / 2
         offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
-        total = np.zeros((len(right), 3), dtype=np.float32)
-        for u in offsets:
-            for v in offsets:
-                total += self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
-        return total / EDGE_SAMPLES**2
+        samples = (
+            self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
+            for u, v in itertools.product(offsets, repeat=2)
+        )
+        return sum(samples, np.zeros(3, np.float32)) / EDGE_SAMPLES**2
 
 
 def ray_directions(camera: Camera) -> np.ndarray:
     """Compute the viewing directions of all pixels of a camera: unit vectors [height, width, 3] in
-    the world frame, through the pixels' centres. Raises HandbenchError if COLMAP cannot undo the
-    distortion of the lens everywhere."""
+    the world frame, through the pixels' centres."""
     v, u = np.mgrid[: camera.height, : camera.width] + 0.5
     xy = np.asarray(camera.colmap().cam_from_img(np.stack([u, v], axis=-1).reshape(-1, 2)))
-    if not np.isfinite(xy).all():
-        raise HandbenchError(
-            f"camera {camera.name}: COLMAP cannot undo the distortion in the corners of the "
-            "picture; check the parameters of its lens, or crop the pictures"
-        )
     rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     return rays.reshape(camera.height, camera.width, 3)
-
-
-def _pixel_steps(directions: np.ndarray, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute how the ray direction changes from one pixel to the next, to the right and downwards,
-    [n, 3] each, at the pixels in the mask `pixels` [height, width]. directions [height, width, 3]:
-    rays through all pixels."""
-    height, width = pixels.shape
-    rows, columns = np.nonzero(pixels)
-    r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
-    return (directions[r, c + 1] - directions[r, c - 1]) / 2, (
-        directions[r + 1, c] - directions[r - 1, c]
-    ) / 2
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
@@ -168,34 +150,13 @@ def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:
     distance and index of the body that a pixel shows."""
     import cv2
 
-    filled = np.where(np.isfinite(distance_m), distance_m, 10.0).astype(np.float32)
+    filled = np.nan_to_num(distance_m, posinf=10.0)
     edge = np.zeros(distance_m.shape, dtype=bool)
-    for axis in (0, 1):
-        jump = (np.abs(np.diff(filled, axis=axis)) > EDGE_STEP_M) | (np.diff(label, axis=axis) != 0)
-        first, second = (slice(None, -1), slice(None)), (slice(1, None), slice(None))
-        edge[first if axis == 0 else first[::-1]] |= jump
-        edge[second if axis == 0 else second[::-1]] |= jump
+    for far, body, beside in ((filled, label, edge), (filled.T, label.T, edge.T)):
+        jump = (np.abs(np.diff(far, axis=0)) > EDGE_STEP_M) | (np.diff(body, axis=0) != 0)
+        beside[:-1] |= jump
+        beside[1:] |= jump
     return cv2.dilate(edge.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-
-
-def develop(radiance: np.ndarray, photos: Photos, seed: int, number: int) -> np.ndarray:
-    """Convert radiance [height, width, 3], with 1 for white, to 8-bit sRGB [height, width, 3], with
-    noise. number: of the photograph; with the scene's seed, it determines the random numbers."""
-    result = np.empty(radiance.shape, dtype=np.uint8)
-    random = np.random.default_rng([seed, NOISE, number])
-    for top in range(0, len(radiance), ROWS):
-        part = slice(top, top + ROWS)
-        result[part] = _srgb(_noisy(radiance[part], photos, random))
-    return result
-
-
-def _noisy(radiance: np.ndarray, photos: Photos, random: np.random.Generator) -> np.ndarray:
-    """Return the radiance with photon noise and the sensor's read noise, in the same shape."""
-    electrons = np.maximum(radiance, 0) * photos.full_well_e
-    spread = np.sqrt(electrons + photos.read_noise_e**2)
-    return (
-        electrons + spread * random.standard_normal(radiance.shape, dtype=np.float32)
-    ) / photos.full_well_e
 
 
 def _srgb(linear: np.ndarray) -> np.ndarray:
