@@ -24,6 +24,7 @@ from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
 from handbench.bench.scenes.photographs import Studio, photo_effects
 from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
+from handbench.bench.scenes.stand import stand_board
 from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
@@ -148,4 +149,4 @@ def _write_photographs(scene: Scene, folder: Path, studio: Studio) -> None:
         tuple(c.model_copy(update={"R": None, "t": None}) for c in scene.cameras),
     )
     save_cameras(folder / "truth_cameras.json", scene.cameras)
-    save_board(folder / "board.toml", scene.board)
+    save_board(folder / "board.toml", stand_board())

@@ -9,8 +9,8 @@ import numpy as np
 
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
-from handbench.bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_box_m, plate_print
-from handbench.bench.scenes.textures import Skin, foam, skin, styrodur
+from handbench.bench.scenes.stand import PLATE_BOX_M, PLATE_M, TEXEL_M, cuboid, plate_print
+from handbench.bench.scenes.textures import foam, marked_skin, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh
 
@@ -39,47 +39,35 @@ class PhotoBody:
 def bodies(scene: Scene) -> list[PhotoBody]:
     """Return the surfaces that the cameras see: target, back plate and, if the scene has one, the
     block under the forearm."""
-    photo_from_radar = scene.radar_from_photo.inverse()
     matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
-    target_from_photo, texture = Transform("photo", "target", matrix), _target_texture(scene)
-
-    def target_albedo(points_m: np.ndarray) -> np.ndarray:
-        return texture(target_from_photo.points(points_m))
-
-    plain = partial(styrodur, seed=texture_seed(scene) + 200)
+    target_from_photo = Transform("photo", "target", matrix)
+    # each texture adds its own small number to it
+    seed = 1000 * (scene.file.seed + 1)
+    texture, plain = _target_texture(scene, seed), partial(styrodur, seed=seed + 200)
     pixel_m = float(
         np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
     )
-    vertices_m = photo_from_radar.points(np.asarray(scene.target_mesh.vertices))
+    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
     result = [
-        _body(vertices_m, np.asarray(scene.target_mesh.triangles), target_albedo),
-        _body(*cuboid(plate_box_m(), GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain)),
+        _body(
+            vertices_m,
+            np.asarray(scene.target_mesh.triangles),
+            lambda points_m: texture(target_from_photo.points(points_m)),
+        ),
+        _body(*cuboid(PLATE_BOX_M, GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain)),
     ]
     if scene.block_m is not None:
         result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
     return result
 
 
-def texture_seed(scene: Scene) -> int:
-    """Return the first seed of the scene's textures. Each texture adds its own small number to it,
-    and neighbouring scenes differ by 1000, so that no two textures share a seed."""
-    return 1000 * (scene.file.seed + 1)
-
-
-def _target_texture(scene: Scene) -> Albedo:
+def _target_texture(scene: Scene, seed: int) -> Albedo:
     """Return the target's reflectance as a function of points [n, 3] in the target's frame: foam
     for the calibration target, skin for any other target."""
-    assert scene.file.photos is not None  # bodies are for photographs
-    target, contrast, seed = (
-        scene.file.target,
-        scene.file.photos.texture_contrast,
-        texture_seed(scene),
-    )
+    target = scene.file.target
     if isinstance(target, HandTarget):
-        return Skin(target.angles, contrast, seed, target.build)
-    return partial(
-        foam if isinstance(target, CalibrationTarget) else skin, contrast=contrast, seed=seed
-    )
+        return marked_skin(target.angles, seed, target.build)
+    return partial(foam if isinstance(target, CalibrationTarget) else skin, seed=seed)
 
 
 def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> PhotoBody:
@@ -101,8 +89,8 @@ def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
 
     def albedo(points_m: np.ndarray) -> np.ndarray:
         # A texel's centre is half a texel inside its edge.
-        column = ((points_m[:, 0] + PLATE_M[0] / 2) / TEXEL_M - 0.5).astype(np.float32)
-        row = ((PLATE_M[1] / 2 - points_m[:, 1]) / TEXEL_M - 0.5).astype(np.float32)
+        places = (points_m[:, :2] * (1, -1) + np.array(PLATE_M) / 2) / TEXEL_M - 0.5
+        column, row = places.astype(np.float32).T
         grey = np.empty(len(points_m), dtype=np.float32)
         rows = 16_384  # cv2.remap refuses maps longer than 2^15
         for i in range(0, len(grey), rows):

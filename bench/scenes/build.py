@@ -1,6 +1,8 @@
 """Scenes with their true geometry, built from scene files."""
 
+import operator
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +20,11 @@ from handbench.bench.scenes.scene_file import (
     SphereTarget,
 )
 from handbench.bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
-from handbench.bench.scenes.stand import rig, stand_board
+from handbench.bench.scenes.stand import rig
 from handbench.calibration.spheres.description import Target, default_target, load_target
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh
+from handbench.groundtruth.mesh.mesh_files import read_mesh
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -52,7 +53,6 @@ class Scene:
     target_mesh: TriangleMesh  # radar frame
     radar_from_target: Transform
     radar_from_photo: Transform
-    board: Board
     cameras: tuple[Camera, ...]
     box_m: np.ndarray
     folder: Path
@@ -80,25 +80,24 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     folder: of the files that the scene file refers to. Raises HandbenchError if the target reaches
     behind the plane of the antennas, or too close to the back plate.
     """
-    target = None
+    folder, target = Path(folder), None
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
         target = (
-            load_target(inside(Path(folder), described, "target.file"))
-            if described
-            else default_target()
+            load_target(inside(folder, described, "target.file")) if described else default_target()
         )
-    surface = _surface(file.target, target, Path(folder))
+    surface = _surface(file.target, target, folder)
     radar_from_target = file.target.radar_from_target()
     surface.transform(radar_from_target.matrix)
-    nearest_m = float(np.asarray(surface.vertices)[:, 2].min())
+    vertices_m = np.asarray(surface.vertices)
+    nearest_m = float(vertices_m[:, 2].min())
     if nearest_m <= 0:
         raise HandbenchError(
             f"scene '{file.name}': the target extends {-1e3 * nearest_m:.0f} mm behind the plane "
             "of the array; enlarge target.distance_m"
         )
     radar_from_photo = file.mount.radar_from_photo()
-    in_photo_m = radar_from_photo.inverse().points(np.asarray(surface.vertices))
+    in_photo_m = radar_from_photo.inverse().points(vertices_m)
     lower_m, upper_m = in_photo_m.min(axis=0), in_photo_m.max(axis=0)
     box_m = np.stack([lower_m - CROP_MARGIN_M, upper_m + CROP_MARGIN_M])
     block_m = None
@@ -118,23 +117,9 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
             "to move the back plate away from the radar"
         )
     aim_m = np.array([0.0, 0.0, file.target.distance_m])
-    photos = file.photos
-    cameras = (
-        rig(photos.cameras, photos.width, photos.height, aim_m, radar_from_photo, file.seed)
-        if photos
-        else ()
-    )
+    cameras = rig(file.photos, aim_m, radar_from_photo, file.seed) if file.photos else ()
     return Scene(
-        file,
-        surface,
-        radar_from_target,
-        radar_from_photo,
-        stand_board(),
-        cameras,
-        box_m,
-        Path(folder),
-        block_m,
-        target,
+        file, surface, radar_from_target, radar_from_photo, cameras, box_m, folder, block_m, target
     )
 
 
@@ -143,7 +128,8 @@ def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
     content is part of the scene. Raises HandbenchError if one of them is missing."""
     folder = Path(folder)
     names = [getattr(file.target, key, None) for key in ("file", "path")]
-    names += [] if file.sensor.array == BUILT_IN_ARRAY else [file.sensor.array]
+    if file.sensor.array != BUILT_IN_ARRAY:
+        names.append(file.sensor.array)
     paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
     for path in paths:
         if not path.exists():
@@ -177,12 +163,11 @@ def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMe
 def spheres(target: Target) -> TriangleMesh:
     """Return the surfaces of all foam spheres of a calibration target as one mesh in the target's
     frame, accurate to 0.01 mm."""
-    whole = mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int32))
-    for element in target.element:
-        sphere = sphere_mesh(element.sphere_radius_m, np.pi * element.sphere_radius_m / 60)
-        sphere.translate(element.centre_m)
-        whole += sphere
-    return whole
+    placed = (
+        sphere_mesh(e.sphere_radius_m, np.pi * e.sphere_radius_m / 60).translate(e.centre_m)
+        for e in target.element
+    )
+    return reduce(operator.add, placed)
 
 
 def _block(target_m: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from handbench.bench.scenes.bones import palmar
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
 from handbench.bench.scenes.skinning import SkinnedHand
-from handbench.bench.scenes.stand import cuboid, plate_box_m
+from handbench.bench.scenes.stand import PLATE_BOX_M, cuboid
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
@@ -28,17 +28,15 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
     noise. radar_scene: an earlier result of `echo_scene` for this scene (None: computed here).
     """
     radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
-    chosen, empty = choices(scene, radar_scene), stand.empty or stand.subtract
-    simulated = simulate_scene(radar_scene, chosen, frames, empty=empty)
+    chosen = choose(radar_scene, scene.file.effects)
+    simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 
 
-def choices(
-    scene: Scene, radar_scene: EchoScene | None = None, explain: bool = False
-) -> tuple[Choice, ...]:
-    """Return one row for each effect of the scene: whether it is simulated, and why. explain: add
-    the size of the effect to each row, from coarse simulations with and without it."""
-    return choose(radar_scene or echo_scene(scene), scene.file.effects, explain)
+def explained(scene: Scene) -> tuple[Choice, ...]:
+    """Return one row for each effect of the scene: whether it is simulated, and why, with its size
+    from coarse simulations with and without it."""
+    return choose(echo_scene(scene), scene.file.effects, explain=True)
 
 
 def echo_scene(scene: Scene) -> EchoScene:
@@ -58,7 +56,6 @@ def echo_scene(scene: Scene) -> EchoScene:
         room=_room(scene),
         causes=scene.file.causes,
         seed=scene.file.seed,
-        depth_step_hz=scene.file.depth_step_hz,
         polarisation_deg=sensor.polarisation_deg,
         frame_period_s=sensor.frame_period_s,
         origin_m=scene.radar_from_target.matrix[:3, 3],
@@ -119,7 +116,7 @@ def _room(scene: Scene) -> tuple[Body, ...]:
     reflectivity_db = scene.file.stand.reflectivity_db
     if reflectivity_db is None:
         return ()
-    boxes = [plate_box_m()] if scene.block_m is None else [plate_box_m(), scene.block_m]
+    boxes = [PLATE_BOX_M] if scene.block_m is None else [PLATE_BOX_M, scene.block_m]
     grids = (cuboid(box_m, ROOM_STEP_M) for box_m in boxes)
     return tuple(
         Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db)
@@ -130,9 +127,8 @@ def _room(scene: Scene) -> tuple[Body, ...]:
 def antenna_array(scene: Scene) -> AntennaArray:
     """Return the scene's antenna array: the built-in one, or that in a folder next to the scene
     file (tx_m.csv and rx_m.csv)."""
-    if scene.file.sensor.array == BUILT_IN_ARRAY:
+    name = scene.file.sensor.array
+    if name == BUILT_IN_ARRAY:
         return qar50()
-    folder = inside(
-        scene.folder, scene.file.sensor.array, f"sensor.array (built in: {BUILT_IN_ARRAY})"
-    )
+    folder = inside(scene.folder, name, f"sensor.array (built in: {BUILT_IN_ARRAY})")
     return AntennaArray(load_positions(folder / "tx_m.csv"), load_positions(folder / "rx_m.csv"))

@@ -40,7 +40,7 @@ GIRTH_WITH_BREADTH = 0.7  # exponent
 TAILS = (0.02, 0.98)  # of every distribution: nothing rarer is drawn
 MOST_PEOPLE = 999_999
 # deviations of the placement
-DISTANCE_M, OFFSET_M, TILT_DEG = (0.005, (0.006, 0.008), (4.0, 4.0, 3.0))
+SHIFT_M, TILT_DEG = (0.006, 0.008, 0.005), (4.0, 4.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -88,42 +88,28 @@ def person(number: int) -> Person:
     wide = BREADTH_WITH_LENGTH * tall + np.sqrt(1 - BREADTH_WITH_LENGTH**2) * wide
     length = (length_mm + length_spread * tall) / MEAN_MM[0]
     breadth = (breadth_mm + breadth_spread * wide) / MEAN_MM[1]
-    palm = length * np.exp(PALM * draws(1)[0])
-    girth = breadth**GIRTH_WITH_BREADTH * np.exp(GIRTH * draws(1)[0])
+    palm = length * np.exp(PALM * draws())
+    girth = breadth**GIRTH_WITH_BREADTH * np.exp(GIRTH * draws())
     bones, girths = {}, {}
     for name, mean_mm in LENGTHS_MM.items():
         outer_mm = np.array(mean_mm[1:] if name != "thumb" else mean_mm)
         own = PHALANX * draws(len(outer_mm))
         # the digit's length is drawn separately
-        own += FINGER * draws(1) - own @ outer_mm / outer_mm.sum()
+        own += FINGER * draws() - own @ outer_mm / outer_mm.sum()
         factors = length * np.exp(own)
         bones[name] = tuple(map(float, factors if name == "thumb" else (palm, *factors)))
-        girths[name] = float(girth * np.exp(FINGER_GIRTH * draws(1)[0]))
-    thick = girth * np.exp(THICKNESS * draws(1)[0])
+        girths[name] = float(girth * np.exp(FINGER_GIRTH * draws()))
+    thick = girth * np.exp(THICKNESS * draws())
     return Person((float(breadth), float(palm), float(thick)), bones, girths)
 
 
-@dataclass(frozen=True)
-class HandPlacement:
-    """Displacement of a person's hand from the position that a scene gives the mean hand.
+def placement(number: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Draw how the person `number` holds the hand in a scene with this seed.
 
-    distance_m: away from the radar. offset_m: in x and y. tilt_deg: turns about the x, y and z
-    axes.
+    Returns by how much the hand is displaced from the position that the scene gives the mean hand,
+    [x, y, z] in metres, and turned about the x, y and z axes [3], degrees. The same number and seed
+    always give the same result. The spreads are handbench's estimates for people who are shown
+    where to hold their hand.
     """
-
-    distance_m: float
-    offset_m: tuple[float, float]
-    tilt_deg: tuple[float, float, float]
-
-
-def placement(number: int, seed: int) -> HandPlacement:
-    """Draw how the person `number` holds the hand in a scene with this seed. The same number and
-    seed always give the same result. The spreads are handbench's estimates for people who are shown
-    where to hold their hand."""
-    drawn = _deviates(np.random.default_rng((number, 2, seed)), 6) * (
-        DISTANCE_M,
-        *OFFSET_M,
-        *TILT_DEG,
-    )
-    distance_m, x_m, y_m, *tilt_deg = map(float, drawn)
-    return HandPlacement(distance_m, (x_m, y_m), (tilt_deg[0], tilt_deg[1], tilt_deg[2]))
+    distance, *offset = _deviates(np.random.default_rng((number, 2, seed)), 6)
+    return np.array([*offset[:2], distance]) * SHIFT_M, np.array(offset[2:]) * TILT_DEG

@@ -1,24 +1,25 @@
 """The content of a scene file: target, radar, cameras and stand, and the effects in the echoes."""
 
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
-from handbench.radar.simulation.known_effects import check_names
-from handbench.radar.simulation.scene import DEPTH_STEP_HZ, Material
+from handbench.radar.simulation.known_effects import IDS
+from handbench.radar.simulation.scene import Material
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.pictures import LARGEST_PX
 
 BUILT_IN_ARRAY = "qar50"
 MOST_TONES = 20_000  # of a scene; echoes of the built-in array take 1.4 GB
 PHOTO_AXES = np.diag([-1.0, 1.0, -1.0])  # the board faces the radar: its z is the radar's -z
+Angles = tuple[float, float, float]  # about the fixed x, y and z axes, in this order
 
 
 class _Placed(Config):
@@ -30,8 +31,7 @@ class _Placed(Config):
 
     distance_m: float = Field(default=0.30, gt=0, le=100)
     offset_m: tuple[Near, Near] = (0.0, 0.0)
-    # about the fixed x, y, z axes, in this order
-    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation_deg: Angles = (0.0, 0.0, 0.0)
     motion: Motion = Motion()
 
     def radar_from_target(self) -> Transform:
@@ -47,17 +47,23 @@ class _Solid(_Placed):
     roughness: Roughness = Roughness()
 
 
-_POSE_KIND = Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose")
+def one_of(known: Collection[str]) -> AfterValidator:
+    """Return the check that a name is one of the known ones."""
+
+    def check(name: str) -> str:
+        if name not in known:
+            raise ValueError(f"this name is unknown; {suggest(name, list(known))}")
+        return name
+
+    return AfterValidator(check)
 
 
-AnyPose = Annotated[Annotated[str, Tag("letter")] | Annotated[Pose, Tag("Pose")], _POSE_KIND]
-
-
-def known_pose(pose: str | Pose | None) -> str | Pose | None:
-    """Return the pose unchanged. Raises ValueError for an unknown letter."""
-    if isinstance(pose, str) and pose not in POSES:
-        raise ValueError(f"this pose is unknown; {suggest(pose, list(POSES))}")
-    return pose
+EffectName = Annotated[str, one_of(IDS)]
+Letter = Annotated[str, one_of(POSES), Tag("letter")]
+AnyPose = Annotated[
+    Letter | Annotated[Pose, Tag("Pose")],
+    Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose"),
+]
 
 
 def person_angles(pose: str | Pose, number: int) -> Pose:
@@ -69,14 +75,13 @@ class HandMotion(Motion):
     """The motion of a hand, whose fingers may also move: to `pose`, which they reach after
     duration_s. The joint angles are linear in time until then, and constant afterwards."""
 
-    pose: Annotated[AnyPose | None, AfterValidator(known_pose)] = None
+    pose: AnyPose | None = None
     duration_s: float | None = Field(default=None, ge=1e-3, le=1e4)
 
     @model_validator(mode="after")
     def _both_or_none(self) -> "HandMotion":
         if (self.pose is None) != (self.duration_s is None):
-            given, missing = ("pose", "duration_s") if self.pose else ("duration_s", "pose")
-            raise ValueError(f"{given} is given without {missing}; give both or neither")
+            raise ValueError("pose and duration_s are not both given; give both or neither")
         return self
 
 
@@ -89,7 +94,7 @@ class HandTarget(_Solid):
     """
 
     kind: Literal["hand"]
-    pose: Annotated[AnyPose, AfterValidator(known_pose)]
+    pose: AnyPose
     distance_m: float = Field(default=0.31, gt=0, le=100)
     offset_m: tuple[Near, Near] = (0.0, -0.030)
     edge_m: float = Field(default=1e-3, ge=5e-4, le=5e-3)
@@ -104,10 +109,11 @@ class HandTarget(_Solid):
     def angles_at(self, time_s: float) -> Pose:
         """Return the joint angles at a time since the start of the motion; before it, those of the
         same motion."""
-        if self.motion.pose is None or self.motion.duration_s is None:
+        motion = self.motion
+        if motion.pose is None or motion.duration_s is None:
             return self.angles
-        reached = person_angles(self.motion.pose, self.person)
-        return between(self.angles, reached, min(time_s / self.motion.duration_s, 1.0))
+        reached = person_angles(motion.pose, self.person)
+        return between(self.angles, reached, min(time_s / motion.duration_s, 1.0))
 
     @property
     def build(self) -> Person:
@@ -121,7 +127,7 @@ class CalibrationTarget(_Placed):
 
     kind: Literal["calibration_target"]
     file: str | None = None
-    rotation_deg: tuple[float, float, float] = (4.0, -6.0, 8.0)
+    rotation_deg: Angles = (4.0, -6.0, 8.0)
 
 
 class MeshTarget(_Solid):
@@ -133,32 +139,32 @@ class MeshTarget(_Solid):
     unit: Literal["m", "mm"] = "m"
 
 
-class SphereTarget(_Solid):
-    """A sphere with its centre at the target's origin. edge_m: length of the mesh's edges."""
+class _Shape(_Solid):
+    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)  # length of the mesh's edges
+
+
+class SphereTarget(_Shape):
+    """A sphere with its centre at the target's origin."""
 
     kind: Literal["sphere"]
     radius_m: float = Field(default=0.03, gt=0, le=0.5)
-    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
-class PlateTarget(_Solid):
-    """A flat plate that faces the radar, with its front in the x-y plane of the target's frame.
-    edge_m: length of the mesh's edges."""
+class PlateTarget(_Shape):
+    """A flat plate that faces the radar, with its front in the x-y plane of the target's frame."""
 
     kind: Literal["plate"]
     width_m: float = Field(default=0.12, gt=0, le=1)
     height_m: float = Field(default=0.12, gt=0, le=1)
     thickness_m: float = Field(default=2e-3, gt=0, le=0.1)
-    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
-class DihedralTarget(_Solid):
+class DihedralTarget(_Shape):
     """A corner reflector: two square plates, side_m wide, that meet along the y axis of the
-    target's frame at a right angle open towards the radar. edge_m: length of the mesh's edges."""
+    target's frame at a right angle open towards the radar."""
 
     kind: Literal["dihedral"]
     side_m: float = Field(default=0.06, gt=0, le=0.5)
-    edge_m: float = Field(default=1e-3, ge=1e-4, le=5e-3)
 
 
 AnyTarget = (
@@ -194,9 +200,9 @@ class Sensor(SensorFaults):
 
     @model_validator(mode="after")
     def _some_tone(self) -> "Sensor":
-        if not self.sweep and not self.tones_hz:
-            raise ValueError("the radar has no tones to measure at; add a sweep or tones_hz")
         count = sum(sweep.count for sweep in self.sweep) + len(self.tones_hz)
+        if count == 0:
+            raise ValueError("the radar has no tones to measure at; add a sweep or tones_hz")
         if count > MOST_TONES:
             raise ValueError(
                 f"sweep and tones_hz make {count} tones, more than {MOST_TONES}; take a smaller "
@@ -222,23 +228,12 @@ class Photos(Config):
     """The photographs to simulate: cameras, pictures, sensor and blur."""
 
     cameras: int = Field(default=8, ge=2, le=100)
-    width: int = Field(default=2400, ge=64, le=12_000)
-    height: int = Field(default=1600, ge=64, le=12_000)
-    full_well_e: float = Field(
-        default=15_000.0, gt=0, le=1e9
-    )  # electrons at white: sets the photon noise
+    width: int = Field(default=2400, ge=64, le=10_000)
+    height: int = Field(default=1600, ge=64, le=10_000)
+    # electrons at white: sets the photon noise
+    full_well_e: float = Field(default=15_000.0, gt=0, le=1e9)
     read_noise_e: float = Field(default=6.0, ge=0, le=1e9)
     blur_px: float = Field(default=0.5, ge=0, le=100)  # Gaussian, standard deviation
-    texture_contrast: float = Field(default=1.0, ge=0, le=100)  # 1 = natural skin or foam
-
-    @model_validator(mode="after")
-    def _readable(self) -> "Photos":
-        if self.width * self.height > LARGEST_PX:
-            raise ValueError(
-                f"width and height make {self.width * self.height} pixels, more than "
-                f"{LARGEST_PX}; make the pictures smaller"
-            )
-        return self
 
 
 class Mount(Config):
@@ -249,7 +244,7 @@ class Mount(Config):
     """
 
     offset_m: tuple[Near, Near, Near] = (0.004, -0.006, 0.400)
-    rotation_deg: tuple[float, float, float] = (3.0, -4.0, 2.0)
+    rotation_deg: Angles = (3.0, -4.0, 2.0)
 
     def radar_from_photo(self) -> Transform:
         """Return the true transform from the photo frame (that of the board) to the radar frame."""
@@ -273,47 +268,20 @@ class SceneFile(Config):
     """The content of a scene file.
 
     effects: names of the effects to simulate, or "auto" for every effect that the scene has a cause
-    for. depth_step_hz: frequency step between the two tones from which `--explain` determines
-    depth. noise, sensor and target also contain the causes of effects. photos: None for no
+    for. noise, sensor and target also contain the causes of effects. photos: None for no
     photographs. mount: pose of the stand's board.
     """
 
     version: Literal[1]
     name: Name
     seed: int = Field(default=0, ge=0)
-    effects: Literal["auto"] | tuple[str, ...] = "auto"
-    depth_step_hz: Tone = DEPTH_STEP_HZ
+    effects: Literal["auto"] | tuple[EffectName, ...] = "auto"
     target: Annotated[AnyTarget, Field(discriminator="kind")]
     sensor: Sensor = Sensor()
     noise: Noise = Noise()
     stand: Stand = Stand()
     photos: Photos | None = None
     mount: Mount = Mount()
-
-    @field_validator("effects", mode="before")
-    @classmethod
-    def _known_effects(cls, effects: Any) -> Any:
-        if isinstance(effects, str) and effects != "auto":
-            raise ValueError(
-                'expected "auto" or a list of effects, such as ["obliquity", "shadow_centre", '
-                '"noise"]'
-            )
-        if isinstance(effects, list | tuple):
-            try:
-                check_names(tuple(str(name) for name in effects))
-            except HandbenchError as error:
-                raise ValueError(str(error).removeprefix("effects: ")) from None
-        return effects
-
-    @model_validator(mode="after")
-    def _step_below_the_tones(self) -> "SceneFile":
-        highest_hz = self.sensor.frequencies_hz.max()
-        if self.depth_step_hz >= highest_hz:
-            raise ValueError(
-                f"depth_step_hz is {self.depth_step_hz:g}; expected less than the highest tone, "
-                f"{highest_hz:g} Hz"
-            )
-        return self
 
     def varied(self, changes: dict[str, Any], suffix: str) -> "SceneFile":
         """Return the scene with other values, and with the suffix added to its name.
@@ -332,23 +300,16 @@ class SceneFile(Config):
                 f"scene '{self.name}': its target is of kind '{self.target.kind}', but persons "
                 'apply only to kind = "hand"; leave persons out, or change the target'
             )
-        placed = placement(number, self.seed)
-        target = self.target.model_copy(
-            update={
-                "person": number,
-                "distance_m": self.target.distance_m + placed.distance_m,
-                "offset_m": tuple(
-                    a + b for a, b in zip(self.target.offset_m, placed.offset_m, strict=True)
-                ),
-                "rotation_deg": tuple(
-                    a + b for a, b in zip(self.target.rotation_deg, placed.tilt_deg, strict=True)
-                ),
-            }
-        )
-        seed = self.seed + 1000 * number
-        return self.model_copy(
-            update={"name": name_of_person(self.name, number), "seed": seed, "target": target}
-        )
+        target, (shift_m, tilt_deg) = self.target, placement(number, self.seed)
+        *offset_m, distance_m = np.add((*target.offset_m, target.distance_m), shift_m).tolist()
+        held = {
+            "person": number,
+            "distance_m": distance_m,
+            "offset_m": tuple(offset_m),
+            "rotation_deg": tuple(np.add(target.rotation_deg, tilt_deg).tolist()),
+        }
+        own = {"name": name_of_person(self.name, number), "seed": self.seed + 1000 * number}
+        return self.model_copy(update=own | {"target": target.model_copy(update=held)})
 
     @property
     def causes(self) -> Causes:
@@ -359,14 +320,11 @@ class SceneFile(Config):
         return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 
-def _replaced(values: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Return nested values with those of `changes` in their place."""
-    return values | {
-        key: _replaced(values[key], new)
-        if isinstance(new, dict) and isinstance(values.get(key), dict)
-        else new
-        for key, new in changes.items()
-    }
+def _replaced(old: Any, new: Any) -> Any:
+    """Return nested values with the new ones in their place."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        return old | {key: _replaced(old.get(key), value) for key, value in new.items()}
+    return new
 
 
 def name_of_person(scene: str, number: int) -> str:
@@ -375,10 +333,7 @@ def name_of_person(scene: str, number: int) -> str:
 
 
 def _placed(
-    source: str,
-    angles_deg: tuple[float, float, float],
-    axes: np.ndarray,
-    offset_m: tuple[float, ...],
+    source: str, angles_deg: Angles, axes: np.ndarray, offset_m: tuple[float, ...]
 ) -> Transform:
     """Return the transform, without scale, from the frame `source` to the radar frame.
 

@@ -1,9 +1,12 @@
 """Closed meshes of targets with simple shapes (sphere, cylinder, plate and dihedral), in the
 target's frame, metres."""
 
+import operator
+from functools import reduce
+
 import numpy as np
 
-from handbench.bench.scenes.stand import cuboid
+from handbench.bench.scenes.stand import cell_corners, cuboid
 from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.radar.simulation.physics.facets import MOST_FACETS
 from handbench.support.errors import HandbenchError
@@ -49,15 +52,13 @@ def dihedral_mesh(side_m: float, edge_m: float) -> TriangleMesh:
     )
     parts = []
     for start, end in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-        a, b = (np.array([x, -half, z]) for x, z in (start, end))
+        a, b = np.insert((start, end), 1, -half, axis=1)
         parts.append(_quad(a, b, np.array([0, side_m, 0]), edge_m))
     for y, order in ((-half, -1), (half, 1)):  # each side is two trapezoids
-        for corners in ((0, 1, 4, 5), (1, 2, 3, 4)):
-            points = np.array([(outline[k][0], y, outline[k][1]) for k in corners])
-            parts.append((points, np.array([(0, 1, 2), (0, 2, 3)])[:, ::order]))
-    counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
-    faces = np.concatenate([f + n for (_, f), n in zip(parts, counts[:-1], strict=True)])
-    return mesh(np.concatenate([vertices for vertices, _ in parts]), faces)
+        for corners in ([0, 1, 4, 5], [1, 2, 3, 4]):
+            points = np.insert(outline[corners], 1, y, axis=1)
+            parts.append(mesh(points, np.array([(0, 1, 2), (0, 2, 3)])[:, ::order]))
+    return reduce(operator.add, parts)
 
 
 def _check_faces(area_m2: float, edge_m: float) -> None:
@@ -69,15 +70,11 @@ def _check_faces(area_m2: float, edge_m: float) -> None:
         )
 
 
-def _quad(
-    a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _quad(a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float) -> TriangleMesh:
     """Make a grid of triangles over the rectangle with the corners a, b, b + side and a + side,
-    with steps of at most step_m. Returns vertices [n, 3] and triangles [m, 3]."""
+    with steps of at most step_m."""
     nu, nv = (int(np.ceil(np.linalg.norm(length) / step_m)) + 1 for length in (b - a, side))
     u, v = np.meshgrid(np.linspace(0, 1, nu), np.linspace(0, 1, nv), indexing="ij")
-    index = np.arange(nu * nv).reshape(nu, nv)
-    corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-    p, q, r, s = (c.ravel() for c in corners)
+    p, q, r, s = cell_corners(nu, nv)
     faces = np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)])
-    return a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * side, faces
+    return mesh(a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * side, faces)

@@ -7,12 +7,14 @@ towards the cameras. Metres.
 
 import numpy as np
 
+from handbench.bench.scenes.scene_file import Photos
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.board.board import Board, Marker
 from handbench.groundtruth.cameras.cameras import Camera
 
-PLATE_M = (0.400, 0.300, 0.020)  # width, height, thickness
+PLATE_M = (0.400, 0.300)  # width, height
 MARKER_M = 0.030
+PLATE_BOX_M = np.array([[-0.200, -0.150, -0.020], [0.200, 0.150, 0.0]])  # in the photo frame
 QUIET_M = 0.005  # white margin around each marker
 TEXEL_M = 1e-4
 MARKER_CENTRES_M = (
@@ -25,14 +27,11 @@ INK, PAPER = 0.04, 0.82  # reflectances
 
 def stand_board() -> Board:
     """Return the ArUco board that is printed on the back plate."""
-    half = MARKER_M / 2
-    corner = np.array(
-        [(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)]
-    )
+    corner = MARKER_M / 2 * np.array([(-1, 1, 0), (1, 1, 0), (1, -1, 0), (-1, -1, 0)])
     return Board(
         marker=tuple(
-            Marker(id=i, corners_m=(corner + (x, y, 0.0)).tolist())
-            for i, (x, y) in enumerate(MARKER_CENTRES_M)
+            Marker(id=i, corners_m=(corner + (*centre_m, 0)).tolist())
+            for i, centre_m in enumerate(MARKER_CENTRES_M)
         )
     )
 
@@ -53,9 +52,9 @@ def plate_print(seed: int) -> np.ndarray:
     dictionary = stand_board().cv_dictionary()
     for number, centre_m in enumerate(MARKER_CENTRES_M):
         _patch(image, centre_m, MARKER_M + 2 * QUIET_M)[:] = PAPER
-        bits = cv2.aruco.generateImageMarker(dictionary, number, 6)
         modules = _patch(image, centre_m, MARKER_M)
-        modules[:] = np.kron(np.where(bits > 0, PAPER, INK), np.ones((modules.shape[0] // 6,) * 2))
+        drawn = cv2.aruco.generateImageMarker(dictionary, number, len(modules))
+        modules[:] = np.where(drawn > 0, PAPER, INK)
     return image
 
 
@@ -79,37 +78,35 @@ def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> n
     return image[top : top + side, left : left + side]
 
 
-def plate_box_m() -> np.ndarray:
-    """Return the lower and upper corner [2, 3] of the back plate in the photo frame, metres."""
-    width, height, thickness = PLATE_M
-    return np.array([[-width / 2, -height / 2, -thickness], [width / 2, height / 2, 0.0]])
-
-
 def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Make the surface of a box as vertices [n, 3] and outward triangles [m, 3], divided into a
     grid with steps of at most step_m. box_m [2, 3]: lower and upper corner."""
-    (lower_m, upper_m), vertices, faces, total = box_m, [], [], 0
+    vertices: list[np.ndarray] = []
+    faces = []
     for axis in range(3):
-        for side, bound in ((-1, lower_m[axis]), (1, upper_m[axis])):
-            u, v = (axis + 1) % 3, (axis + 2) % 3
-            counts = {k: int(np.ceil((upper_m[k] - lower_m[k]) / step_m)) + 1 for k in (u, v)}
-            ticks = [np.linspace(lower_m[k], upper_m[k], count) for k, count in counts.items()]
-            points = np.empty((len(ticks[0]), len(ticks[1]), 3))
-            points[..., axis], points[..., u], points[..., v] = (
-                bound,
-                ticks[0][:, None],
-                ticks[1][None, :],
+        across = [(axis + 1) % 3, (axis + 2) % 3]
+        ticks = [
+            np.linspace(low_m, high_m, int(np.ceil((high_m - low_m) / step_m)) + 1)
+            for low_m, high_m in box_m.T[across]
+        ]
+        places = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
+        for bound, order in zip(box_m[:, axis], (-1, 1), strict=True):
+            points = np.empty((*places.shape[:2], 3))
+            points[..., axis], points[..., across] = bound, places
+            a, b, c, d = cell_corners(*places.shape[:2]) + sum(map(len, vertices))
+            faces.append(
+                np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])[:, ::order]
             )
-            index = total + np.arange(points[..., 0].size).reshape(points.shape[:2])
-            a, b, c, d = (
-                part.ravel()
-                for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-            )
-            quads = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-            faces.append(quads if side > 0 else quads[:, ::-1])
             vertices.append(points.reshape(-1, 3))
-            total += points[..., 0].size
     return np.concatenate(vertices), np.concatenate(faces)
+
+
+def cell_corners(rows: int, columns: int) -> np.ndarray:
+    """Return the corners [4, n] of the cells of a grid of points, in order around each cell, as
+    numbers of the points."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
+    return np.stack([corner.ravel() for corner in corners])
 
 
 # alternate, seen from the target; clear of the aperture and its housing
@@ -120,20 +117,18 @@ FOCAL_PER_WIDTH = 1.18
 
 
 def rig(
-    count: int, width: int, height: int, aim_m: np.ndarray, radar_from_photo: Transform, seed: int
+    photos: Photos, aim_m: np.ndarray, radar_from_photo: Transform, seed: int
 ) -> tuple[Camera, ...]:
-    """Return `count` cameras on a ring around the radar that look at about aim_m [3] (radar frame),
-    with random deviations drawn from `seed`.
-
-    width, height: of the pictures in pixels. The poses R, t of the cameras map the photo frame to
-    the camera frame.
-    """
-    random = np.random.default_rng([seed, 2])
+    """Return the cameras on a ring around the radar that look at about aim_m [3] (radar frame),
+    with random deviations drawn from `seed`. The poses R, t of the cameras map the photo frame to
+    the camera frame."""
+    draw = np.random.default_rng([seed, 2]).uniform
+    count, width, height = photos.cameras, photos.width, photos.height
 
     def camera(number: int) -> Camera:
-        off_axis = np.radians(OFF_AXIS_DEG[number % 2] + random.uniform(-1, 1))
-        around = 2 * np.pi * (number + 0.5) / count + random.uniform(-0.05, 0.05)
-        distance_m = DISTANCE_M[number % 2] + random.uniform(-0.01, 0.01)
+        off_axis = np.radians(OFF_AXIS_DEG[number % 2] + draw(-1, 1))
+        around = 2 * np.pi * (number + 0.5) / count + draw(-0.05, 0.05)
+        distance_m = DISTANCE_M[number % 2] + draw(-0.01, 0.01)
         back = np.array(
             [
                 np.sin(off_axis) * np.cos(around),
@@ -142,23 +137,18 @@ def rig(
             ]
         )
         centre_m = aim_m + distance_m * back
-        forward = aim_m + random.uniform(-0.006, 0.006, 3) - centre_m
-        camera_from_radar = _look(forward, roll_rad=random.uniform(-0.1, 0.1))
-        rotation = camera_from_radar @ radar_from_photo.rotation
-        focal_px = FOCAL_PER_WIDTH * width * random.uniform(0.99, 1.01)
-        principal_px = np.array([width, height]) / 2 + 0.005 * width * random.uniform(-1, 1, 2)
-        distortion = (
-            random.uniform(-0.06, -0.04),
-            random.uniform(0.02, 0.05),
-            *random.uniform(-4e-4, 4e-4, 2),
-        )
+        forward = aim_m + draw(-0.006, 0.006, 3) - centre_m
+        rotation = _look(forward, draw(-0.1, 0.1)) @ radar_from_photo.rotation
+        focal_px = FOCAL_PER_WIDTH * width * draw(0.99, 1.01)
+        principal_px = np.array([width, height]) / 2 + 0.005 * width * draw(-1, 1, 2)
+        distortion = (draw(-0.06, -0.04), draw(0.02, 0.05), *draw(-4e-4, 4e-4, 2))
         return Camera(
             name=f"cam{number:02d}.jpg",
             width=width,
             height=height,
-            params=(focal_px, focal_px * random.uniform(0.999, 1.001), *principal_px, *distortion),
-            R=tuple(map(tuple, rotation.tolist())),
-            t=tuple((-rotation @ radar_from_photo.inverse().points(centre_m)).tolist()),
+            params=(focal_px, focal_px * draw(0.999, 1.001), *principal_px, *distortion),
+            R=rotation.tolist(),
+            t=(-rotation @ radar_from_photo.inverse().points(centre_m)).tolist(),
         )
 
     return tuple(camera(number) for number in range(count))

@@ -6,7 +6,7 @@ photographs show the same pattern.
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,23 +14,22 @@ from handbench.bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_pal
 from handbench.bench.scenes.hand_pose import Pose
 from handbench.bench.scenes.people import MEAN, Person
 from handbench.support.compiled import njit
-from handbench.support.parallel import for_each
 
-SKIN_RGB = (0.62, 0.36, 0.25)  # linear reflectances
-FOAM_RGB = (0.78, 0.78, 0.76)
-STYRODUR_RGB = (0.30, 0.42, 0.48)
+# linear reflectances
+SKIN_RGB, FOAM_RGB, STYRODUR_RGB = np.array(
+    [(0.62, 0.36, 0.25), (0.78, 0.78, 0.76), (0.30, 0.42, 0.48)], dtype=np.float32
+)
 
 # (wavelength in metres, relative contrast): blotches, mottling, pores and skin ridges.
 SKIN_OCTAVES = ((9e-3, 0.030), (4e-3, 0.030), (1.8e-3, 0.035), (0.9e-3, 0.045), (0.5e-3, 0.045))
 CREASES = ((2.6e-3, 0.10), (1.2e-3, 0.07))  # fine dark lines where a smooth noise crosses zero
 BEAD_M = 2.2e-3  # foam beads
-BLOCK = 50_000  # points per task
+BITS_32 = 0xFFFFFFFF
 
 
-def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
+def skin(points_m: np.ndarray, seed: int) -> np.ndarray:
     """Compute the reflectance [n, 3] of skin at points [n, 3]: a skin tone with faint random
-    patterns of 9 to 0.5 mm and fine dark creases. contrast: strength of the patterns, 1 as in
-    nature. seed: of the patterns."""
+    patterns of 9 to 0.5 mm and fine dark creases. seed: of the patterns."""
     shade = np.zeros(len(points_m), dtype=np.float32)
     for octave, (wavelength_m, amplitude) in enumerate(SKIN_OCTAVES):
         shade += 2.2 * amplitude * solid_noise(points_m, wavelength_m, seed + octave)
@@ -40,20 +39,17 @@ def skin(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
         )
     redness = solid_noise(points_m, 14e-3, seed + 90)
     tint = 1 + 0.10 * redness[:, None] * np.array([0.3, -1.0, -0.8], dtype=np.float32)
-    return (np.array(SKIN_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None] * tint).astype(
-        np.float32
-    )
+    return SKIN_RGB * np.exp(shade)[:, None] * tint
 
 
-def foam(points_m: np.ndarray, contrast: float, seed: int) -> np.ndarray:
+def foam(points_m: np.ndarray, seed: int) -> np.ndarray:
     """Compute the reflectance [n, 3] of styrofoam at points [n, 3]: beads of different brightness
-    with darker seams. contrast: strength of the pattern, 1 as in nature. seed: of the pattern."""
-    seam, tone = cells(points_m, BEAD_M, seed)
-    shade = 0.16 * tone - 0.35 * np.exp(-((seam / (0.12 * BEAD_M)) ** 2))
+    with darker seams. seed: of the pattern."""
+    seam, tone = _cells(points_m / BEAD_M, seed)
+    seam_m = BEAD_M * seam
+    shade = 0.16 * tone - 0.35 * np.exp(-((seam_m / (0.12 * BEAD_M)) ** 2))
     shade += 0.06 * solid_noise(points_m, 0.6e-3, seed + 1)
-    return np.array(FOAM_RGB, dtype=np.float32) * np.exp(contrast * shade)[:, None].astype(
-        np.float32
-    )
+    return FOAM_RGB * np.exp(shade)[:, None]
 
 
 def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
@@ -62,58 +58,28 @@ def styrodur(points_m: np.ndarray, seed: int) -> np.ndarray:
     grain = 0.08 * solid_noise(points_m, 2e-3, seed) + 0.06 * solid_noise(
         points_m, 0.8e-3, seed + 1
     )
-    return np.array(STYRODUR_RGB, dtype=np.float32) * np.exp(grain)[:, None].astype(np.float32)
+    return STYRODUR_RGB * np.exp(grain)[:, None]
 
 
 def solid_noise(points_m: np.ndarray, wavelength_m: float, seed: int) -> np.ndarray:
     """Compute smooth random values [n] (about ±1) at points [n, 3] that vary in space with a
     typical period of wavelength_m. The same seed gives the same values."""
-    return _at_points(_gradient_noise, points_m / wavelength_m, seed, 1)[0]
-
-
-def cells(points_m: np.ndarray, size_m: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Divide space into random (Worley) cells of about size_m.
-
-    Returns, for points [n, 3], the distance [n] in metres to the nearest wall of the cell around
-    the point, and the random brightness [n] of that cell, −1 to 1.
-    """
-    seam, tone = _at_points(_cells, points_m / size_m, seed, 2)
-    return size_m * seam, tone
-
-
-def _at_points(
-    kernel: Callable[..., None], points: np.ndarray, seed: int, count: int
-) -> np.ndarray:
-    """Run a compiled texture function on all cores. points [n, 3]: in units of its lattice. Returns
-    float32 [count, n]: `count` values for each point."""
-    result = np.empty((count, len(points)), dtype=np.float32)
-
-    def work(first: int) -> None:
-        part = slice(first, first + BLOCK)
-        kernel(points[part], np.uint32(seed), result[:, part])
-
-    for_each(work, range(0, len(points), BLOCK))
-    return result
+    return _gradient_noise(points_m / wavelength_m, seed)
 
 
 @njit(inline="always")
-def _hash(i: int, j: int, k: int, seed: np.uint32) -> np.uint32:
+def _hash(i: int, j: int, k: int, seed: int) -> int:
     """Return a pseudo-random 32-bit number of the lattice point (i, j, k) for a seed."""
-    h = (
-        np.uint32(i * 73856093)
-        ^ np.uint32(j * 19349663)
-        ^ np.uint32(k * 83492791)
-        ^ np.uint32(seed * 2654435761)
-    )
-    h = np.uint32(h ^ (h >> np.uint32(16))) * np.uint32(0x7FEB352D)
-    h = np.uint32(np.uint32(h) ^ (np.uint32(h) >> np.uint32(15))) * np.uint32(0x846CA68B)
-    return np.uint32(np.uint32(h) ^ (np.uint32(h) >> np.uint32(16)))
+    h = (i * 73856093 ^ j * 19349663 ^ k * 83492791 ^ seed * 2654435761) & BITS_32
+    h = (h ^ (h >> 16)) * 0x7FEB352D & BITS_32
+    h = (h ^ (h >> 15)) * 0x846CA68B & BITS_32
+    return h ^ (h >> 16)
 
 
 @njit(inline="always")
-def _fraction(h: np.uint32, shift: int) -> float:
+def _fraction(h: int, shift: int) -> float:
     """Return eight bits of the hash h, starting at bit `shift`, as a number from −1 to 1."""
-    return ((h >> np.uint32(shift)) & np.uint32(255)) / 127.5 - 1.0
+    return ((h >> shift) & 255) / 127.5 - 1.0
 
 
 @njit(inline="always")
@@ -125,9 +91,10 @@ def _fade(offset: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Compute Perlin noise (about ±1) at points [n, 3] in units of its lattice, and write it into
-    result[0]. Gradients at lattice points are hashes, interpolated with quintic weights."""
+def _gradient_noise(points: np.ndarray, seed: int) -> np.ndarray:
+    """Compute Perlin noise, float32 [n] (about ±1), at points [n, 3] in units of its lattice.
+    Gradients at lattice points are hashes, interpolated with quintic weights."""
+    noise = np.empty(len(points), np.float32)
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -139,14 +106,18 @@ def _gradient_noise(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> 
                     a, b, c = x - i - di, y - j - dj, z - k - dk
                     slope = _fraction(h, 0) * a + _fraction(h, 8) * b + _fraction(h, 16) * c
                     total += _fade(a) * _fade(b) * _fade(c) * slope
-        result[0, n] = 1.6 * total
+        noise[n] = 1.6 * total
+    return noise
 
 
 @njit(nogil=True, cache=True)
-def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
-    """Compute Worley cells at points [n, 3] in units of their lattice, with one random cell centre
-    in each lattice cube. The distance to the nearest wall is written into result[0], and the cell's
-    brightness into result[1]."""
+def _cells(points: np.ndarray, seed: int) -> np.ndarray:
+    """Divide space into Worley cells, with one random cell centre in each cube of a lattice.
+
+    Returns, float32 [2, n], for points [n, 3] in units of the lattice: the distance to the nearest
+    wall of the cell around the point, and the random brightness of that cell, −1 to 1.
+    """
+    result = np.empty((2, len(points)), np.float32)
     for n in range(len(points)):
         x, y, z = points[n]
         i, j, k = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -164,6 +135,7 @@ def _cells(points: np.ndarray, seed: np.uint32, result: np.ndarray) -> None:
                     elif distance < second:
                         second = distance
         result[0, n], result[1, n] = 0.5 * (second - first), tone
+    return result
 
 
 CREASE_WIDTH_M, CREASE_DEPTH = 0.3e-3, 0.28
@@ -180,8 +152,7 @@ PALM_HEIGHT_MM = (5.0, 19.0)
 NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 
-@dataclass(frozen=True)
-class Crease:
+class Crease(NamedTuple):
     """A crease of the skin across a digit.
 
     It lies in the plane through centre_m [3] perpendicular to the unit vector `axis`, on the side
@@ -194,80 +165,55 @@ class Crease:
     reach_m: float
 
 
-class Skin:
-    """Reflectance of a posed hand's skin, with flexion creases, lines of the palm and nails, as a
-    function of points in the hand frame. contrast: strength of texture and creases, 1 as in nature.
-    seed: of the texture."""
+def marked_skin(pose: Pose, seed: int, person: Person = MEAN) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the reflectance [n, 3] (red, green, blue) of a posed hand's skin, with flexion
+    creases, lines of the palm and nails, as a function of points [n, 3] in the hand frame. seed: of
+    the texture."""
+    turn, bones = hand_from_palm(pose), skeleton(pose, person)
+    creases = [crease for name, digit in bones.items() for crease in _creases(name, digit, person)]
 
-    def __init__(self, pose: Pose, contrast: float, seed: int, person: Person = MEAN) -> None:
-        self.contrast, self.seed, self.palm = contrast, seed, person.palm
-        self.hand_from_palm = hand_from_palm(pose)
-        bones = skeleton(pose, person)
-        self.creases = [
-            crease for name, digit in bones.items() for crease in _creases(name, digit, person)
-        ]
-        self.nails = [(digit[-1], radii_m(name, person)[-1]) for name, digit in bones.items()]
-
-    def __call__(self, points_m: np.ndarray) -> np.ndarray:
-        """Compute the reflectance [n, 3] (red, green, blue) at points [n, 3] in the hand frame."""
-        reflectance = skin(points_m, self.contrast, self.seed)
-        wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, self.seed + 70)
-        lines = _palm_lines(points_m @ self.hand_from_palm @ HAND_AXES / self.palm, wobble_m)
-        fold = np.maximum(lines, _folds(self.creases, points_m, wobble_m))
-        reflectance *= (1 - CREASE_DEPTH * self.contrast * fold)[:, None].astype(np.float32)
-        for bone, radius_m in self.nails:
+    def reflectance(points_m: np.ndarray) -> np.ndarray:
+        result = skin(points_m, seed)
+        # so that creases and lines are not straight
+        wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, seed + 70)
+        fold = _palm_lines(points_m @ turn @ HAND_AXES / person.palm, wobble_m)
+        for crease in creases:
+            _add_crease(points_m, wobble_m, crease, fold)
+        result *= (1 - CREASE_DEPTH * fold)[:, None].astype(np.float32)
+        for name, (*_, bone) in bones.items():
             off_m = points_m - bone.end_m
             near = np.nonzero(np.einsum("ij,ij->i", off_m, off_m) < bone.length_m**2)[0]
-            reflectance[near] *= _nail(bone, radius_m, points_m[near])
-        return reflectance
+            result[near] *= _nail(bone, radii_m(name, person)[-1], points_m[near])
+        return result
+
+    return reflectance
 
 
 def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]:
-    flesh_m = radii_m(name, person)
-    creases = []
+    flesh_m, creases = radii_m(name, person), []
     if name in FINGERS:
         root = digit[1]
         creases.append(
             Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * flesh_m[0])
         )
     for inner, outer, radius_m in zip(digit[1:], digit[2:], flesh_m[1:], strict=False):
-        axis, palmar = inner.axis + outer.axis, inner.palmar + outer.palmar
-        axis, palmar = axis / np.linalg.norm(axis), palmar / np.linalg.norm(palmar)
-        shifts_m = (0.0,) if outer is digit[-1] else (-1.3e-3, 1.3e-3)
-        creases += [
-            Crease(outer.start_m + s * axis, axis, palmar, 1.7 * radius_m) for s in shifts_m
-        ]
+        means = (inner.axis + outer.axis, inner.palmar + outer.palmar)
+        axis, palmar = (vector / np.linalg.norm(vector) for vector in means)
+        for shift_m in (0.0,) if outer is digit[-1] else (-1.3e-3, 1.3e-3):
+            centre_m = outer.start_m + shift_m * axis
+            creases.append(Crease(centre_m, axis, palmar, 1.7 * radius_m))
     return creases
-
-
-def _folds(creases: list[Crease], points_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Compute the strength [n] of the flexion creases at points [n, 3], 0 (none) to 1. wobble_m
-    [n]: displacement of the creases at each point, so that they are not straight."""
-    fold = np.zeros(len(points_m))
-    for crease in creases:
-        _add_crease(
-            points_m, wobble_m, crease.centre_m, crease.axis, crease.palmar, crease.reach_m, fold
-        )
-    return fold
 
 
 @njit(nogil=True, cache=True)
 def _add_crease(
-    points_m: np.ndarray,
-    wobble_m: np.ndarray,
-    centre_m: np.ndarray,
-    axis: np.ndarray,
-    palmar: np.ndarray,
-    reach_m: float,
-    fold: np.ndarray,
+    points_m: np.ndarray, wobble_m: np.ndarray, crease: Crease, fold: np.ndarray
 ) -> None:
-    """Raise `fold` [n] to at least the strength of one crease (see `Crease`) at points [n, 3]."""
+    """Raise `fold` [n] to at least the strength of a crease at points [n, 3], 0 (none) to 1.
+    wobble_m [n]: displacement of the crease at each point."""
+    (centre_x, centre_y, centre_z), axis, palmar, reach_m = crease
     for n in range(len(points_m)):
-        x, y, z = (
-            points_m[n, 0] - centre_m[0],
-            points_m[n, 1] - centre_m[1],
-            points_m[n, 2] - centre_m[2],
-        )
+        x, y, z = points_m[n, 0] - centre_x, points_m[n, 1] - centre_y, points_m[n, 2] - centre_z
         if x * x + y * y + z * z < reach_m**2:
             across_m = x * axis[0] + y * axis[1] + z * axis[2] + wobble_m[n]
             side = (x * palmar[0] + y * palmar[1] + z * palmar[2]) / (0.35 * reach_m)
@@ -278,32 +224,24 @@ def _add_crease(
 def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
     """Compute the strength [n] of the palm's lines at points [n, 3], 0 (none) to 1. The points are
     (radial, distal, palmar) coordinates, scaled to the mean palm. wobble_m [n]: displacement of the
-    lines at each point, so that they are not straight."""
-    radial_distal_palmar = 1e3 * radial_distal_palmar_m
-    low, high = PALM_HEIGHT_MM
-    on_palm = (radial_distal_palmar[:, 2] > low) & (radial_distal_palmar[:, 2] < high)
-    on_palm &= radial_distal_palmar[:, 1] < 48
-    flat_mm = radial_distal_palmar[on_palm, :2] + 1.5e3 * wobble_m[on_palm, None]
-    distance_mm = np.full(len(flat_mm), np.inf)
+    lines at each point."""
+    radial_mm, distal_mm, palmar_mm = 1e3 * radial_distal_palmar_m.T
+    low_mm, high_mm = PALM_HEIGHT_MM
+    on_palm = (palmar_mm > low_mm) & (palmar_mm < high_mm) & (distal_mm < 48)
+    shift_mm = 1.5e3 * wobble_m[on_palm]
+    radial_mm, distal_mm = radial_mm[on_palm] + shift_mm, distal_mm[on_palm] + shift_mm
+    distance_mm = np.full(len(shift_mm), np.inf)
     for line in PALM_LINES_MM:
         for start, end in itertools.pairwise(line):
-            _lower_to_segment(flat_mm, np.array(start, float), np.array(end, float), distance_mm)
-    fold = np.zeros(len(radial_distal_palmar))
+            x, y = radial_mm - start[0], distal_mm - start[1]
+            dx, dy = end[0] - start[0], end[1] - start[1]
+            along = np.clip((x * dx + y * dy) / (dx * dx + dy * dy), 0, 1)
+            distance_mm = np.minimum(
+                distance_mm, np.sqrt((x - along * dx) ** 2 + (y - along * dy) ** 2)
+            )
+    fold = np.zeros(len(on_palm))
     fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
     return fold
-
-
-@njit(nogil=True, cache=True)
-def _lower_to_segment(
-    points: np.ndarray, start: np.ndarray, end: np.ndarray, distance: np.ndarray
-) -> None:
-    """Lower `distance` [n] to the distance of points [n, 2] in a plane to the segment from `start`
-    to `end`, where that is less."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    for n in range(len(points)):
-        x, y = points[n, 0] - start[0], points[n, 1] - start[1]
-        t = min(max((x * dx + y * dy) / (dx * dx + dy * dy), 0.0), 1.0)
-        distance[n] = min(distance[n], np.sqrt((x - t * dx) ** 2 + (y - t * dy) ** 2))
 
 
 def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:

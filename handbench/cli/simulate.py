@@ -8,7 +8,7 @@ from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
 from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
 from handbench.bench.run.capture_set import BENCH, CAPTURES, simulate_benchmark
 from handbench.bench.scenes.build import load_scene
-from handbench.bench.scenes.echoes import choices
+from handbench.bench.scenes.echoes import explained
 from handbench.bench.scenes.photographs import photo_effects
 from handbench.cli.options import free_folder
 from handbench.radar.simulation.known_effects import Choice
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> str | None:
     if options.explain:
         scene = load_scene(options.scene)
         of_photos = photo_effects(scene.file.photos) if scene.file.photos else ()
-        show(choices(scene, explain=True) + of_photos)
+        show(explained(scene) + of_photos)
         return None
     if options.out is None:
         raise HandbenchError(

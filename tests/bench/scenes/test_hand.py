@@ -12,7 +12,7 @@ from handbench.bench.scenes.bones import skeleton
 from handbench.bench.scenes.hand import hand_mesh
 from handbench.bench.scenes.hand_pose import POSES, Pose, WristPose
 from handbench.bench.scenes.implicit import triangle_quality
-from handbench.bench.scenes.textures import Skin, skin
+from handbench.bench.scenes.textures import marked_skin, skin
 from handbench.support.rays import Rays
 from tests.bench.scenes.hand_field import crossing_faces, facet_angles, hand_field
 
@@ -64,7 +64,7 @@ def test_letters_are_one_body_that_fits_the_scene(name: str) -> None:
     digits = skeleton(pose).values()
     joints = np.array([p for digit in digits for b in digit for p in (b.start_m, b.end_m)])
     assert hand_field(pose)(joints).max() < -1e-3
-    marks = Skin(pose, 1.0, 3)(vertices_m) / skin(vertices_m, 1.0, 3)
+    marks = marked_skin(pose, 3)(vertices_m) / skin(vertices_m, 3)
     assert np.isfinite(marks).all() and marks.min() > 0.4 and (marks < 0.9).sum() > 20
 
 

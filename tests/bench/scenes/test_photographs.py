@@ -9,6 +9,7 @@ import pytest
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.photographs import Studio, photo_effects, ray_directions
 from handbench.bench.scenes.scene_file import Photos, SceneFile
+from handbench.bench.scenes.stand import stand_board
 from handbench.support.config import parse
 
 
@@ -38,11 +39,11 @@ def scene() -> Scene:
 def test_markers_are_where_the_true_camera_projects_them(scene: Scene, studio: Studio) -> None:
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    detector = cv2.aruco.ArucoDetector(scene.board.cv_dictionary(), parameters)
+    detector = cv2.aruco.ArucoDetector(stand_board().cv_dictionary(), parameters)
     light = 255 * linear(studio.photograph(scene.cameras[0], 0))
     found, ids, _ = detector.detectMarkers(np.round(light).astype(np.uint8))
     assert len(ids) >= 10
-    places_m = scene.board.corners_m()
+    places_m = stand_board().corners_m()
     places = [scene.cameras[0].project(places_m[int(number)]) for number in ids.ravel()]
     error = np.concatenate(found) + 0.5 - places  # OpenCV's first pixel lies at 0, ours at 0.5
     # OpenCV draws the corners of a blurred marker 0.15 to 0.3 px inwards, evenly: its centre stays.
