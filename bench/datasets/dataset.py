@@ -76,7 +76,8 @@ def open_capture(path: str | Path) -> NativeCapture:
 
 def _reader(folder: Path) -> type[NativeCapture] | None:
     """Return the class that reads the capture in a folder; None if there is no capture."""
-    return next((one for one in (NativeCapture, *FOREIGN.values()) if one.fits(folder)), None)
+    readers: list[type[NativeCapture]] = [NativeCapture, *FOREIGN.values()]
+    return next((reader for reader in readers if reader.fits(folder)), None)
 
 
 def captures(

@@ -25,6 +25,7 @@ from handbench.bench.datasets.maroon_alignment import (
     KEY,
     is_mirrored,
     load_alignment,
+    load_matrix,
     load_part,
 )
 from handbench.bench.datasets.maroon_frame import read_frame
@@ -173,7 +174,7 @@ class MaroonCapture(NativeCapture):
     def mirrored(self) -> bool:
         """Whether the x axis of the capture's radar frame is opposite to handbench's, as in
         MAROON's code; it is not if the matrix in alignment.json has no reflection."""
-        return self.alignment is None or is_mirrored(self.alignment)
+        return self.alignment is None or is_mirrored(load_matrix(self.alignment))
 
     def warnings(self) -> list[str]:
         """Return a warning if the matrix in alignment.json has no reflection; otherwise an empty

@@ -47,8 +47,8 @@ def load_alignment(path: Path) -> Transform:
     The matrix is replaced by the nearest rotation (polar decomposition) times the mean stretch, and
     a small change is printed. Raises HandbenchError unless the matrix is a finite 4×4 similarity.
     """
-    matrix = _matrix(path)
-    if _has_reflection(matrix):
+    matrix = load_matrix(path)
+    if is_mirrored(matrix):
         matrix = MIRROR_X @ matrix
     u, stretch, vt = np.linalg.svd(matrix[:3, :3])
     scale, straight = float(stretch.mean()), np.eye(4)
@@ -67,17 +67,14 @@ def load_alignment(path: Path) -> Transform:
     return Transform("photo", "radar", straight)
 
 
-def is_mirrored(path: Path) -> bool:
-    """Tell whether x of an alignment.json's radar frame is opposite to handbench's: whether its
-    matrix contains a reflection."""
-    return _has_reflection(_matrix(path))
-
-
-def _has_reflection(matrix: np.ndarray) -> bool:
+def is_mirrored(matrix: np.ndarray) -> bool:
+    """Tell whether x of the radar frame of an alignment.json's matrix is opposite to handbench's:
+    whether the matrix contains a reflection."""
     return bool(np.linalg.det(matrix[:3, :3]) < 0)
 
 
-def _matrix(path: Path) -> np.ndarray:
+def load_matrix(path: Path) -> np.ndarray:
+    """Read the matrix [4, 4] of an alignment.json. Raises HandbenchError for other numbers."""
     rows = load_part(Alignment, path).photogrammetry2radar
     return checked_numbers(path, KEY, rows, [(4, 4), (16,)]).reshape(4, 4)
 

@@ -30,8 +30,10 @@ WHAT = "adc_data.bin and a .cfg, the chirp profile"
 # for a receiver that is fed from the other side.
 BOARDS = Path(__file__).with_name("ti_boards.csv")
 # commands of a .cfg, first those that are read once; and those that may be left out
-COMMANDS = ("dfeDataOutputMode", "lvdsStreamCfg", "adcbufCfg", "channelCfg", "adcCfg", "frameCfg")
-COMMANDS += ("profileCfg", "chirpCfg")
+COMMANDS = (
+    *("dfeDataOutputMode", "lvdsStreamCfg", "adcbufCfg", "channelCfg", "adcCfg", "frameCfg"),
+    *("profileCfg", "chirpCfg"),
+)
 USUAL = ("adcbufCfg -1 0 0 1 1", "lvdsStreamCfg -1 0 1 0", "dfeDataOutputMode 1")
 CHIRPS = 512  # that a frame may have
 Antenna = Annotated[int, Field(ge=1, le=4)]
