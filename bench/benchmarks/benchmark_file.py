@@ -11,19 +11,22 @@ A method with a `sweep` is one method for each combination of the listed values:
 
 import shlex
 from collections.abc import Iterator, Sequence
+from functools import reduce
 from itertools import product
 from math import prod
+from operator import getitem
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+import numpy as np
+from pydantic import Field, field_validator, model_validator
 
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure, name_problem
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.photos.photos import FEWEST
-from handbench.radar.methods.registry import method, methods, titles
+from handbench.radar.methods.registry import method, titles
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_folder
@@ -37,20 +40,8 @@ UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"), ("_px", 1, "px"))  # of swept 
 ANTENNAS = "every_nth_antenna"
 MOST_VALUES = 30  # of one parameter of photogrammetry
 
-Item = TypeVar("Item")
-
-
-def _each_once(items: tuple[Item, ...]) -> tuple[Item, ...]:
-    if len(set(items)) < len(items):
-        raise ValueError("a value is listed twice; list each once")
-    return items
-
-
-Measures = Annotated[tuple[Measure, ...], Field(min_length=1), AfterValidator(_each_once)]
+Measures = Annotated[tuple[Measure, ...], Field(min_length=1)]
 Number = Annotated[int, Field(ge=1, le=MOST_PEOPLE)]
-Persons = Annotated[
-    tuple[Number, ...], Field(min_length=1, max_length=1000), AfterValidator(_each_once)
-]
 
 
 class Origin(Config):
@@ -79,28 +70,21 @@ class Source(Origin):
     capture."""
 
     measures: Measures = MEASURES
-    persons: Persons | None = None
+    persons: tuple[Number, ...] | None = Field(default=None, min_length=1, max_length=1000)
     set: dict[str, Any] = Field(default_factory=dict)
     suffix: Name | None = None
 
     @model_validator(mode="after")
-    def _set_of_a_scene(self) -> "Source":
-        if (self.set or self.suffix) and self.scene is None:
+    def _changes_of_a_scene(self) -> "Source":
+        if self.scene is None and (self.set or self.suffix or self.persons):
             raise ValueError(
-                'set or suffix is given without a scene; give scene = "FILE.toml" instead of path'
+                'set, suffix or persons is given without a scene; give scene = "FILE.toml" instead '
+                "of path"
             )
         if self.set and self.suffix is None:
             raise ValueError(
                 'set is given without suffix; give suffix = "NAME", which tells this capture from '
                 "others of the scene"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _persons_of_a_scene(self) -> "Source":
-        if self.persons and self.scene is None:
-            raise ValueError(
-                'persons are given without a scene; give scene = "FILE.toml" instead of path'
             )
         return self
 
@@ -199,35 +183,27 @@ class MethodEntry(Config):
 
     @model_validator(mode="after")
     def _foreign_as_it_is(self) -> "MethodEntry":
-        where = f"method '{self.id}'"
         if self.maps is not None and self.command is not None:
-            raise ValueError(f"{where}: has maps and a command; give only one of them")
+            raise ValueError(f"method '{self.id}': has maps and a command; give only one of them")
         if self.command is None and self.limit_s is not None:
-            raise ValueError(f"{where}: has limit_s but no command; leave it out")
+            raise ValueError(f"method '{self.id}': has limit_s but no command; leave it out")
         if not self.foreign:
             return self
         checked_name(self.id)
         if self.config or self.sweep or self.precision or self.every_nth_antenna > 1:
             raise ValueError(
-                f"{where}: is a method from outside handbench, to which config, sweep, precision "
-                "and every_nth_antenna do not apply; leave these keys out"
+                f"method '{self.id}': is from outside handbench, so config, sweep, precision and "
+                "every_nth_antenna do not apply; leave these keys out"
             )
         if self.command is not None:
-            if not self.command.isprintable():
-                raise ValueError(
-                    f"{where}: the command has characters that cannot be printed; remove them"
-                )
             try:
-                words = shlex.split(self.command)
-            except ValueError as error:
+                words = " ".join(shlex.split(self.command))
+            except ValueError:  # a quotation that does not end
+                words = ""
+            if not words.isprintable() or any(place not in words for place in PLACES):
                 raise ValueError(
-                    f"{where}: the command cannot be split into words ({error}); quote it as for "
-                    "a shell"
-                ) from None
-            if missing := [place for place in PLACES if not any(place in word for word in words)]:
-                raise ValueError(
-                    f"{where}: the command has no {' and no '.join(missing)}; expected a command "
-                    f"such as '{EXAMPLE}'"
+                    f"method '{self.id}': the command is {self.command!r}; expected printable "
+                    f"words, quoted as for a shell, such as '{EXAMPLE}'"
                 )
         return self
 
@@ -269,19 +245,12 @@ class BenchFile(Config):
         return [given] if isinstance(given, dict) else given
 
     @model_validator(mode="after")
-    def _something_to_run(self) -> "BenchFile":
-        if not self.capture and not self.dataset:
-            raise ValueError("there is nothing to run; add [[capture]] or [[dataset]]")
-        return self
-
-    @model_validator(mode="after")
     def _something_to_measure(self) -> "BenchFile":
-        measures = [source.measures for source in self.capture] + [
-            found.measures for found in self.dataset or ()
-        ]
+        measures = [source.measures for source in (*self.capture, *(self.dataset or ()))]
         if not any("accuracy" in measured for measured in measures):
             raise ValueError(
-                "no capture measures the accuracy, which the table needs; add a capture that does"
+                "no capture measures the accuracy, which the table needs; add a [[capture]] or "
+                "[[dataset]] that does"
             )
         if ("precision",) in measures and not any(entry.precision for entry in self.method):
             raise ValueError(
@@ -421,7 +390,15 @@ def _combinations(entry: MethodEntry, path: Path) -> Iterator[MethodEntry]:
         config = entry.config
         for key, value in changes.items():
             resolved = method(entry.id).configure(config, where).model_dump(mode="json")
-            config = _with(config, key, value, resolved, f"{where}: sweep")
+            *tables, leaf = key.split(".")
+            try:
+                reduce(getitem, tables, resolved)[leaf] = value
+            except (KeyError, TypeError):
+                raise HandbenchError(
+                    f"{where}: sweep: '{key}' is not in a table of the method; correct the key"
+                ) from None
+            first = (tables or [leaf])[0]  # with the rest of its table
+            config = {**config, first: resolved[first]}
         title = entry.title or entry.name or titles().get(entry.id, entry.id)
         update = {
             "title": ", ".join([title, *(text.replace("_", " ") for text in words)]),
@@ -433,25 +410,6 @@ def _combinations(entry: MethodEntry, path: Path) -> Iterator[MethodEntry]:
             update["name"] = "-".join([entry.label, *words]).replace(" ", "-")
         # checked again: the values of a list have any type
         yield parse(MethodEntry, entry.model_dump() | update, where)
-
-
-def _with(
-    config: dict[str, Any], key: str, value: Any, resolved: dict[str, Any], where: str
-) -> dict[str, Any]:
-    """Return a copy of a method's configuration with one parameter changed.
-    key: the parameter; a dot leads into a table, as in z.step_m. resolved: the configuration with
-    all values, from which the rest of that table is copied. Raises HandbenchError if the key leads
-    into something that is not a table."""
-    first, _, inner = key.partition(".")
-    if not inner:
-        return {**config, first: value}
-    table = resolved.get(first)
-    if not isinstance(table, dict):
-        raise HandbenchError(
-            f"{where}: '{key}' is inside '{first}', which is not a table of the method; correct "
-            "the key"
-        )
-    return {**config, first: _with(table, inner, value, table, where)}
 
 
 def _words(keys: str, value: Any) -> str:
@@ -476,9 +434,9 @@ def _short(value: Any, scale: float) -> str:
         return "_".join(_short(inner, scale) for inner in value)
     if isinstance(value, bool) or not isinstance(value, int | float):
         return str(value)
-    mantissa, _, exponent = f"{value * scale:.12e}".partition("e")
-    short = f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-    return min(f"{value * scale:.12g}", short, key=len)
+    text = f"{value * scale:.12g}"
+    short = np.format_float_scientific(float(text), trim="-", exp_digits=1).replace("+", "")
+    return min(text, short, key=len)
 
 
 def require_clear(name: str, where: str, own: str = "") -> str:
@@ -502,10 +460,10 @@ def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
         require_clear(name, where, entry.id if entry.label == entry.id else "")
     if not entry.foreign:
         method(entry.id).configure(entry.config, where)
-    elif entry.id in {known.id for known in methods()}:
-        given = "maps" if entry.command is None else "command"
+    elif entry.id in titles():
         raise HandbenchError(
-            f"{where}: has {given}, but its id is that of a method of handbench; choose another id"
+            f"{where}: has maps or a command, but its id is that of a method of handbench; choose "
+            "another id"
         )
     elif entry.maps is not None:
         require_folder(

@@ -65,10 +65,9 @@ def test_values_of_a_scene_are_replaced(tmp_path: Path) -> None:
     ("capture", "words"),
     [
         (f"{HAND}\nset = {{ seed = 1 }}", "set is given without suffix"),
-        ('path = "capture"\nsuffix = "fast"', "set or suffix is given without a scene"),
+        ('path = "capture"\nsuffix = "fast"', "suffix or persons is given without a scene"),
         (f"{HAND}\npersons = [0]", "persons"),
-        (f"{HAND}\npersons = [3, 3]", "a value is listed twice"),
-        ('path = "capture"\npersons = [1]', "persons are given without a scene"),
+        ('path = "capture"\npersons = [1]', "persons is given without a scene"),
         (f'{HAND}\nmeasures = ["speed"]', "measures"),
         (f'{HAND}\nmeasures = ["precision"]', "no capture measures the accuracy"),
         (f'{HAND}\n[[capture]]\n{HAND}\nmeasures = ["precision"]', "no method has precision"),

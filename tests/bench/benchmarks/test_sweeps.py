@@ -44,7 +44,7 @@ def test_a_method_is_listed_several_times_with_different_names(tmp_path):
     ("method", "words"),
     [
         ('id = "2fsk"\nsweep = { tolerence = [1e-3] }', "did you mean 'tolerance'"),
-        ('id = "2fsk"\nsweep = { "tolerance.a" = [1] }', "not a table of the method"),
+        ('id = "2fsk"\nsweep = { "tolerance.a" = [1] }', "not in a table of the method"),
         ('id = "2fsk"\nsweep = { tolerance = [] }', "tolerance"),
         ('id = "2fsk"\nsweep = { tolerance = [1e-3, 1e-3] }', "is listed twice"),
         ('id = "2fsk"\nsweep = { every_nth_antenna = [0] }', "greater than or equal to 1"),
