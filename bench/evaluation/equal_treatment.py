@@ -35,9 +35,7 @@ def treated_figures(maps: Mapping[str, np.ndarray], reference_z_m: np.ndarray) -
     maps: method → its depths [ny, nx], metres, all on the pixel grid of the reference;
     reference_z_m [ny, nx]: depths of the surface, metres. Errors count only on the pixels that all
     methods observe."""
-    common = np.isfinite(reference_z_m)
-    for z_m in maps.values():
-        common = common & np.isfinite(z_m)
+    common = np.isfinite([reference_z_m, *maps.values()]).all(axis=0)
     surface = np.isfinite(reference_z_m).sum()
     y, x = (np.arange(n, dtype=float) for n in common.shape)
     found = {}

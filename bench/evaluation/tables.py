@@ -137,7 +137,7 @@ def conform(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
 def each(table: pd.DataFrame) -> Iterator[Any]:
     """Return an iterator over the lines of a table, each as a named tuple with the table's
     columns."""
-    return iter(table.itertuples(index=False, name="Line"))
+    return iter(table.itertuples(index=False))
 
 
 def read(path: Path, schema: Schema) -> pd.DataFrame:
@@ -191,15 +191,13 @@ def _typed(cells: pd.Series, kind: type) -> pd.Series:
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table to a CSV file with a header line, atomically. Values that are not finite become
     empty cells; numbers of pixels in TABLE are written as whole ones."""
-    cells = conform(table, schema)
+    cells = conform(table, schema).replace([np.inf, -np.inf], np.nan)
     for name, kind in schema.items():
         if kind is bool:
             cells[name] = cells[name].astype(int)
-        elif kind is float:
-            cells[name] = cells[name].where(np.isfinite(cells[name]))
     if schema is TABLE:
         whole = cells.value.notna() & (cells.unit == "pixels")
         pixels = cells.value[whole].astype(int).astype(object)
         cells["value"] = cells.value.astype(object).mask(whole, pixels)
     with atomic_path(path) as temporary:
-        cells.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
+        cells.to_csv(temporary, index=False, lineterminator="\n")

@@ -14,7 +14,6 @@ from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.radar.methods.registry import titles as titles
 from handbench.support.config import Config, Name, parse
-from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
 
@@ -40,15 +39,11 @@ def name_problem(name: str, own: str = "") -> str:
     """Explain why a name of a capture or method would mislead readers of a table: it reads as a
     reference, or as another method of handbench. Returns "" if it does not.
     own: id of the method that has the name; "" for a capture."""
-    other = _meanings().get(folded(name), "")
-    if other in REFERENCES:
-        return f"'{name}' has the same meaning as '{other}', a reference; choose another name"
-    if other not in ("", own):
-        return (
-            f"'{name}' has the same meaning as '{other}', a method of handbench; choose another "
-            "name"
-        )
-    return ""
+    other = _meanings().get(folded(name), own)
+    if other == own and other not in REFERENCES:
+        return ""
+    sort = "reference" if other in REFERENCES else "method of handbench"
+    return f"'{name}' has the same meaning as '{other}', a {sort}; choose another name"
 
 
 class MetricFacts(Config):
@@ -113,10 +108,7 @@ class Failure(Config):
     @property
     def line(self) -> str:
         """The failure as one line of text: "CAPTURE METHOD: STAGE failed: MESSAGE"."""
-        return (
-            f"{' '.join(filter(None, (self.capture, self.method)))}: {self.stage} failed: "
-            f"{self.message}"
-        )
+        return f"{f'{self.capture} {self.method}'.strip()}: {self.stage} failed: {self.message}"
 
 
 class About(Config):
@@ -147,10 +139,4 @@ def read_about(path: Path) -> About:
     """Read and check result.json. Raises HandbenchError for another schema_version or wrong
     content."""
     content = read_json(path, "a benchmark's result", RESULT_VALUES, RESULT_BYTES)
-    version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != 1:
-        raise HandbenchError(
-            f"{path}: schema_version is {version!r}, but this version of handbench reads 1; run "
-            "the benchmark again or use the handbench that wrote it"
-        )
     return parse(About, content, str(path))

@@ -102,7 +102,7 @@ MISSING = (
 )
 REFUSED = {
     **{name: (name, None, name.split("/")[-1]) for name in MISSING},
-    "schema": ("result.json", {"schema_version": 2}, "schema_version is 2"),
+    "schema": ("result.json", {"schema_version": 2}, "'schema_version' is 2"),
     "key": ("result.json", {"surprise": 1}, "unknown key 'surprise'"),
     "name": ("result.json", {"captures": [{"name": "../B"}]}, "cannot be the name of a file"),
     "empty": ("table.csv", "", r"table\.csv"),
