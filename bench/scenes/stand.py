@@ -141,7 +141,7 @@ def rig(
         rotation = _look(forward, draw(-0.1, 0.1)) @ radar_from_photo.rotation
         focal_px = FOCAL_PER_WIDTH * width * draw(0.99, 1.01)
         principal_px = np.array([width, height]) / 2 + 0.005 * width * draw(-1, 1, 2)
-        distortion = (draw(-0.06, -0.04), draw(0.02, 0.05), *draw(-4e-4, 4e-4, 2))
+        distortion = draw(-0.06, -0.04), draw(0.02, 0.05), *draw(-4e-4, 4e-4, 2)
         return Camera(
             name=f"cam{number:02d}.jpg",
             width=width,
