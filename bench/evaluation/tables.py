@@ -47,7 +47,7 @@ TASKS: Schema = {  # tasks.csv: one stage of one capture a line
     "plan_seconds": float,  # what the first image of a geometry took longer, with its certificate
     "host": str,  # the machine that did it
     "gemm_gflops": float,  # that machine's rate of float32 matrix products
-    "others_cores": float,  # cores that other work took while its frames were timed
+    "others_cores": float,  # cores that other work took meanwhile
     "image_error": float,  # relative error of frame 0's images, at most, by their certificate
 }
 SCORES: Schema = {  # scores.csv: one figure of one method on one capture a line

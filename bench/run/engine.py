@@ -95,7 +95,7 @@ class Engine:
                 "plan_seconds": times.get("plan_seconds"),
                 "host": host,
                 "gemm_gflops": cost.machine.get("gemm_gflops"),
-                "others_cores": times.get("others_cores"),
+                "others_cores": cost.others_cores,
                 "image_error": times.get("image_error"),
             }
         )

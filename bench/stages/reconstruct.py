@@ -22,7 +22,6 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
 from handbench.radar.methods.registry import Reconstruction, method
 from handbench.support.config import Config
-from handbench.support.cost import others
 from handbench.support.files import read_json, read_npz, write_json, write_npz
 from handbench.support.limits import KEPT_BYTES
 from handbench.support.store import stage
@@ -74,7 +73,7 @@ def reconstruct(
     from handbench.radar.methods.projection import cached_peaks
 
     peaks: dict[Any, Any] = {}
-    with use_device(device), others() as busy:
+    with use_device(device):
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
         with cached_peaks(peaks):
             images = imager.images()
@@ -92,7 +91,7 @@ def reconstruct(
     if frames > 1:
         write_frames(folder, depths)
     measured = {"image_error": images.image_error} | measuring_times(imager.task.echoes)
-    _write_times(folder, seconds, images.plan_s, busy[0], measured)
+    _write_times(folder, seconds, images.plan_s, measured)
 
 
 @stage("repeat", *SOURCES)
@@ -110,7 +109,7 @@ def repeat(
     It writes the depth of the strongest scatterer in each frame and the standard deviation of each
     pixel (repeats.npz), and the times of the frames (timing.json). The arguments are those of
     `reconstruct`."""
-    with use_device(device), others() as busy:
+    with use_device(device):
         images = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
     depths = [result.depth for result in images.results]
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
@@ -121,7 +120,7 @@ def repeat(
         y_m=spread.y_m,
         deviation_m=spread.error_m,
     )
-    _write_times(folder, images.seconds, images.plan_s, busy[0])
+    _write_times(folder, images.seconds, images.plan_s)
 
 
 @stage("time", *SOURCES)
@@ -138,24 +137,21 @@ def time_again(
     """Image a capture by one method once more, for the time alone (timing.json).
     round_: number of the round of a benchmark in which this happens; the other arguments are those
     of `reconstruct`."""
-    with use_device(device), others() as busy:
+    with use_device(device):
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
         images = imager.images()
         seconds = imager.repeated(images.seconds)
-    _write_times(folder, seconds, images.plan_s, busy[0])
+    _write_times(folder, seconds, images.plan_s)
 
 
 def _write_times(
     folder: Path,
     seconds: list[float],
     plan_s: float | None,
-    others_cores: float,
     further: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
-    """Write timing.json: the times of the images, s, and of the plan; the cores that other work
-    took meanwhile; and further entries."""
-    times = {"seconds": seconds, "plan_seconds": plan_s, "others_cores": others_cores}
-    write_json(folder / TIMING, {**times, **further})
+    """Write timing.json: the times of the images, s, and of the plan, and further entries."""
+    write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": plan_s, **further})
 
 
 def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:

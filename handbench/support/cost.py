@@ -25,12 +25,14 @@ GEMM_S = 0.5
 
 @dataclass
 class Cost:
-    """The cost of some work, measured for the entire process: wall-clock seconds, seconds of
-    processor time, and peak memory, MB; and facts of the machine that did it."""
+    """The cost of some work, measured for the entire process: wall-clock seconds; seconds of
+    processor time, with that of the programs that it ran; peak memory, MB; the mean number of cores
+    that other work on the machine took meanwhile; and facts of the machine that did it."""
 
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     peak_memory_mb: float = 0.0
+    others_cores: float = 0.0
     machine: dict[str, Any] = field(default_factory=dict)
 
 
@@ -48,40 +50,24 @@ def measured() -> Iterator[Cost]:
 
     watcher = threading.Thread(target=watch, daemon=True)
     watcher.start()
-    start, cpu_start = time.perf_counter(), time.process_time()
+    before = _times_s()
     try:
         yield cost
     finally:
-        cost.seconds, cost.cpu_seconds = (
-            time.perf_counter() - start,
-            time.process_time() - cpu_start,
-        )
+        cost.seconds, cost.cpu_seconds, busy_s = (_times_s() - before).tolist()
+        cost.others_cores = max(busy_s - cost.cpu_seconds, 0.0) / max(cost.seconds, 1e-9)
         done.set()
         watcher.join()
 
 
-@contextmanager
-def others() -> Iterator[list[float]]:
-    """Context manager that measures how busy other work keeps the machine during its block.
-    It yields a list. When the block ends, the mean number of cores that other work took is
-    appended: the time in which cores were busy, or withheld by the host of a virtual machine, minus
-    that of this process, divided by the duration."""
-    found: list[float] = []
-    start, cpu_start, busy_start = time.perf_counter(), time.process_time(), _busy_s()
-    try:
-        yield found
-    finally:
-        taken_s = _busy_s() - busy_start - (time.process_time() - cpu_start)
-        found.append(max(taken_s / max(time.perf_counter() - start, 1e-9), 0.0))
-
-
-def _busy_s() -> float:
-    """Return the seconds in which cores were busy since the machine started, summed over all cores,
-    including time withheld by the host of a virtual machine."""
-    times = psutil.cpu_times()
-    return sum(
-        getattr(times, name, 0.0) for name in ("user", "nice", "system", "irq", "softirq", "steal")
-    )
+def _times_s() -> np.ndarray:
+    """Return three clocks, s: the time; the processor time of this process and of the programs that
+    it ran; and that of the whole machine, including time withheld by the host of a virtual
+    machine."""
+    programs, all_ = os.times(), psutil.cpu_times()
+    own_s = time.process_time() + programs.children_user + programs.children_system
+    busy_s = all_.user + all_.nice + all_.system + all_.irq + all_.softirq + all_.steal
+    return np.array([time.perf_counter(), own_s, busy_s])
 
 
 @cache
