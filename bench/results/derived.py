@@ -76,20 +76,15 @@ def by_method(lines: pd.DataFrame) -> dict[str, np.ndarray]:
     return {str(method): of.to_numpy() for method, of in wide.items()}
 
 
-def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> list[str]:
-    """Return the ids of the methods that observe less than 1 % of a capture's surface
-    (FEWEST_PERCENT) and are therefore not compared under equal treatment."""
+def few_pixels(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> str:
+    """Return a note for readers on the methods that observe less than 1 % of a capture's surface
+    (FEWEST_PERCENT) and are therefore not compared under equal treatment; "" for none."""
     own = scores[(scores.reference == fullest_reference(captures)) & (scores.treatment == "")]
     few = own.method[(own.metric == "observed_percent") & (own.value < FEWEST_PERCENT)]
     taking_part = set(treated_scores(scores, captures).method)
-    return [method for method in few.unique() if method not in taking_part]
-
-
-def few_pixels_text(methods: Sequence[str]) -> str:
-    """Return a note for readers that these methods observe too few pixels to be compared on common
-    ones; "" for no methods."""
-    few = f"fewer than {FEWEST_PERCENT:g} % of the surface of a capture"
-    return f"not compared on common pixels: {', '.join(methods)} ({few})" if methods else ""
+    names = ", ".join(method for method in few.unique() if method not in taking_part)
+    share = f"fewer than {FEWEST_PERCENT:g} % of the surface of a capture"
+    return f"not compared on common pixels: {names} ({share})" if names else ""
 
 
 def motion(scores: pd.DataFrame) -> pd.DataFrame:

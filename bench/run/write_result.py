@@ -19,7 +19,7 @@ from handbench.bench.evaluation.metrics import figures
 from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
-from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.maps import Frames, depth_path, errors_path, write_frames, write_photo
 from handbench.bench.results.result_folder import TABLES, write_about, write_tables
 from handbench.bench.run.captures import RunCapture
@@ -102,9 +102,7 @@ def write(folder: Path, outcome: RunOutcome, config: str) -> None:
     write_text(folder / "config.toml", config)
     captures = capture_facts(outcome, subset.all_captures)
     text = subset.text
-    if few := few_pixels_text(
-        few_pixels(scores, [c for c in captures if "accuracy" in c.measures])
-    ):
+    if few := few_pixels(scores, [c for c in captures if "accuracy" in c.measures]):
         text += f"; {few}"
         say(few)
     write_tables(folder, table=table, tasks=frame(TASKS, outcome.engine.tasks), scores=scores)

@@ -12,7 +12,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, CaptureFacts, MethodFacts, on_common_pixels
-from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.result_folder import Result, best
 from handbench.reports.page.sections import Grid
 from handbench.reports.tables.blocks import (
@@ -195,7 +195,7 @@ def _limits(result: Result) -> str:
     if ("precision_mm", "") in found:
         spread = _range(found["precision_mm", ""].value, "mm")
         texts.append(f"noise moves a depth by {spread} from repeat to repeat")
-    if few := few_pixels_text(few_pixels(result.scores, result.scored())):
+    if few := few_pixels(result.scores, result.scored()):
         texts.append(few)
     if result.busy() or result.unsettled():
         texts.append("the machine was busy, so times are uncertain")

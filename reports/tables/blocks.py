@@ -11,7 +11,7 @@ import pandas as pd
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.results.about import TREATMENTS, CaptureFacts, on_common_pixels
-from handbench.bench.results.derived import few_pixels, few_pixels_text
+from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.result_folder import Result, best
 
 HEADINGS = {
@@ -69,7 +69,7 @@ def blocks(result: Result) -> list[Block]:
     scored = set(result.table.reference)
     found = [_block(result, reference) for reference in REFERENCES if reference in scored]
     equal = _equal_block(result)
-    if few := few_pixels_text(few_pixels(result.scores, result.scored())):
+    if few := few_pixels(result.scores, result.scored()):
         noted = equal or found[:1]
         noted[0] = replace(noted[0], heading=f"{noted[0].heading}; {few}")
         found[:1] = found[:1] if equal else noted
