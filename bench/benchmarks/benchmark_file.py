@@ -25,7 +25,6 @@ from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure, name_problem
 from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.groundtruth.options import Quality
-from handbench.groundtruth.photos.photos import FEWEST
 from handbench.radar.methods.registry import method, titles
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
@@ -123,16 +122,10 @@ class DataSet(Config):
 
 
 class GroundTruthSweep(Config):
-    """Settings of the photogrammetric reconstruction that are compared: all combinations of the
-    listed values.
-    quality: as for `handbench groundtruth`. views: number of photographs, chosen evenly. long_px:
-    their longer side, pixels, to which they are shrunk."""
+    """Settings of the photogrammetric reconstruction that are compared. quality: as for
+    `handbench groundtruth`."""
 
     quality: tuple[Quality, ...] = Field(min_length=1)
-    views: tuple[Annotated[int, Field(ge=FEWEST)], ...] = Field(
-        min_length=1, max_length=MOST_VALUES
-    )
-    long_px: tuple[Annotated[int, Field(ge=64)], ...] = Field(min_length=1, max_length=MOST_VALUES)
 
 
 class GroundTruth(Config):

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 
 TABLES = {"table": TABLE, "tasks": TASKS, "scores": SCORES}  # the files NAME.csv
 BUSY = 0.25  # cores that other work may take before times are called disturbed
-UNSETTLED = 0.1  # of a median time: half a wider interval is reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,15 +143,6 @@ class Result:
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method")
         cores = sums.taken_s.sum() / sums.seconds.sum()
         return cores[cores >= BUSY].to_dict()
-
-    def unsettled(self) -> dict[str, float]:
-        """Return the methods whose time per frame is uncertain: method → half the width of its
-        interval divided by the time.
-        Methods with a ratio of at most 0.1 (UNSETTLED) are left out."""
-        times = self.table[(self.table.metric == "seconds") & (self.table.value > 0)]
-        times = times.drop_duplicates("method").set_index("method")
-        reach = (times.high - times.low) / (2 * times.value)
-        return reach[reach > UNSETTLED].to_dict()
 
     def photo(self, capture: str) -> Path | None:
         """Return the path of the capture's photograph; None if it has none."""

@@ -103,8 +103,7 @@ def stage_counts(bench: BenchFile) -> list[int]:
     captures, targets = len(bench.capture), len(bench.calibration)
     accurate = sum("accuracy" in source.measures for source in bench.capture)
     photographs = [accurate + targets] * 2 + [accurate + bool(targets)]
-    sweep = bench.groundtruth.sweep
-    qualities = len(sweep.views) * len(sweep.long_px) * len(sweep.quality) if sweep else 0
+    qualities = len(bench.groundtruth.sweep.quality) if bench.groundtruth.sweep else 0
     images = sum(
         ("accuracy" in source.measures) + ("precision" in source.measures and entry.precision)
         for source, entry in product(bench.capture, bench.method)
@@ -187,11 +186,10 @@ def measure_groundtruth(
     sweep, stages = bench.groundtruth.sweep, list[Stage]()
     fitting = (capture for capture in captures if has_quality(capture.folder))
     if sweep is not None and (capture := next(fitting, None)) is not None:
-        for views, long_px, quality in product(sweep.views, sweep.long_px, sweep.quality):
-            setting = {"views": views, "long_px": long_px, "quality": quality}
-            arguments = {"capture": capture.input, **setting, "seed": bench.seed}
-            name = quality_name(views, long_px, quality)
-            stages.append(Stage(measure_quality, arguments, capture.name, name))
+        for quality in sweep.quality:
+            arguments = {"capture": capture.input, "quality": quality, "seed": bench.seed}
+            stage = Stage(measure_quality, arguments, capture.name, quality_name(quality))
+            stages.append(stage)
     return list(engine.perform(stages).items())
 
 

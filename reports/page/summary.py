@@ -197,7 +197,7 @@ def _limits(result: Result) -> str:
         texts.append(f"noise moves a depth by {spread} from repeat to repeat")
     if few := few_pixels(result.scores, result.scored()):
         texts.append(few)
-    if result.busy() or result.unsettled():
+    if result.busy():
         texts.append("the machine was busy, so times are uncertain")
     text = "; ".join(texts)
     return f"{text[0].upper()}{text[1:]}." if text else ""

@@ -267,21 +267,15 @@ def caption(result: Result) -> str:
 
 
 def busy_note(result: Result) -> str:
-    """Return a warning on times that other work on the machine disturbed, or that varied too much
-    between repeats. It begins with a blank; "" if there are none."""
-    busy, unsettled, note = result.busy(), result.unsettled(), ""
-    if busy:
-        note = (
-            f" The machine was busy: other work took up to {max(busy.values()):.1f} cores while "
-            f"{_titles(result, busy)} were timed; their times are too long."
-        )
-    if unsettled:
-        note += (
-            f" The times of {_titles(result, unsettled)} have not settled: their intervals reach "
-            "up to "
-            f"{100 * max(unsettled.values()):.0f} % to either side."
-        )
-    return note
+    """Return a warning on times that other work on the machine disturbed. It begins with a blank;
+    "" if there are none."""
+    busy = result.busy()
+    if not busy:
+        return ""
+    return (
+        f" The machine was busy: other work took up to {max(busy.values()):.1f} cores while "
+        f"{_titles(result, busy)} were timed; their times are too long."
+    )
 
 
 def _titles(result: Result, names: Collection[str]) -> str:
