@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from handbench.bench.evaluation import metrics
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.methods.registry import METHODS, method
@@ -53,6 +54,7 @@ def prepare(page: str, names: dict[str, Any]) -> None:
         for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
             names |= vars(importlib.import_module(module)) | {"__name__": "page"}
         names |= {"Config": Config, "Effect": Effect, "Imbalance": object}
+        names |= {"Metric": metrics.Metric}
 
 
 def typed(command: str) -> tuple[int, str]:
@@ -95,6 +97,7 @@ def test_a_page_runs(page, tmp_path, monkeypatch, registry):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setenv("TERM", "dumb")  # without colours
+    monkeypatch.setattr(metrics, "METRICS", dict(metrics.METRICS))  # which a recipe adds to
     prepare(name, names)
     output, ran, codes, refusals = "", "", [], 0
     before, *rest = FENCE.split(page.read_text("utf-8"))

@@ -225,7 +225,7 @@ Metric(
     "higher",
     "share of the reference's pixels that the map has a depth for, right or wrong",
     lambda p: 100 * p.n_observed / p.n_surface,
-    shown="main summary readme",
+    shown="main readme",
 )
 for _mm in F_MM:
     Metric(

@@ -362,7 +362,7 @@ def test_far_scene() -> Works:
     yield "600 m away", lambda: Rays(vertices + 600, faces)
 
 
-@refusal("a mesh beyond the memory", "memory, but only", "simplify the mesh")
+@refusal("a mesh beyond the memory", "of memory, more than", "simplify the mesh")
 def test_beyond_memory() -> Works:
     """Reading takes several times the file's size: what is not free is not begun."""
     with tempfile.TemporaryDirectory() as folder:

@@ -78,7 +78,7 @@ const faults = layoutFaults();
 canvas.scrollIntoView();
 await pause();
 const before = canvas.toDataURL();
-document.querySelector('.viewer [name=method][value="2fsk"]').click();
+document.querySelector('.viewer [name=method][value="3fsk-fast"]').click();
 await pause();
 for (let n = 0; location.search === '?view' && n < 100 && before === canvas.toDataURL(); n++)
   await pause();
@@ -131,4 +131,4 @@ def test_faults_of_the_layout_are_found(seen):
 
 
 def test_the_view_in_3d_draws_the_method_that_is_chosen(seen):
-    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: 2-FSK, ")
+    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: 3-FSK, fast, ")
