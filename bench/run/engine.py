@@ -44,7 +44,7 @@ class Engine:
         One that fails for a reason that the user can mend is recorded; if it is `essential`,
         HandbenchError is raised. Any other error ends the run."""
         self.rounds += 1
-        done: dict[Stage, Done | HandbenchError] = {}
+        done: dict[Stage, Done | Failure] = {}
         running = started(self.executor, self.work, stages)
         for stage in running.values():
             self.progress.begin(stage.label)
@@ -58,20 +58,20 @@ class Engine:
         folders = {}
         for stage in stages:
             outcome = done[stage]
-            if not isinstance(outcome, HandbenchError):
+            if not isinstance(outcome, Failure):
                 folders[stage] = self._record(stage, *outcome)
             elif stage in essential:
-                raise HandbenchError(f"{stage.label}: {outcome}")
+                raise HandbenchError(f"{stage.label}: {outcome.message}")
             else:
-                self._fail(outcome, stage.capture, stage.name, stage.method)
+                self.failures.append(outcome)
         return folders
 
-    def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | HandbenchError:
-        """Return the result of a stage, or the error that the user can mend."""
+    def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | Failure:
+        """Return the result of a stage or its failure, and print at once how it ended."""
         try:
             cost, finished = result()
         except HandbenchError as error:
-            return error
+            return failure_of(error, stage.capture, stage.name, stage.method)
         finally:
             self.progress.end(stage.label)
         say(f"{stage.label}: " + ("cached" if finished else f"{cost.seconds:.1f} s"))
@@ -101,12 +101,6 @@ class Engine:
         )
         return folder
 
-    def _fail(self, error: HandbenchError, capture: str, stage: str, method: str = "") -> None:
-        """Print and record a failure; method is "" if the capture fails for all methods."""
-        failure = Failure(capture=capture, method=method, stage=stage, message=str(error))
-        say(failure.line)
-        self.failures.append(failure)
-
     @contextmanager
     def attempt(self, capture: str, stage: str, method: str = "") -> Iterator[None]:
         """Context manager that records a HandbenchError of its block as a failure, so that the run
@@ -114,4 +108,11 @@ class Engine:
         try:
             yield
         except HandbenchError as error:
-            self._fail(error, capture, stage, method)
+            self.failures.append(failure_of(error, capture, stage, method))
+
+
+def failure_of(error: HandbenchError, capture: str, stage: str, method: str = "") -> Failure:
+    """Print and return a failure; method is "" if the capture fails for all methods."""
+    failure = Failure(capture=capture, method=method, stage=stage, message=str(error))
+    say(failure.line)
+    return failure
