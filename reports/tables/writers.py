@@ -1,0 +1,221 @@
+"""The four writers of a table: Markdown, LaTeX, HTML, and the terminal."""
+
+import html as standard
+import re
+import unicodedata
+from collections.abc import Callable
+from textwrap import fill
+
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table as Grid
+from rich.text import Text
+
+from handbench.reports.tables.table import Table
+
+ROWS = 20  # that a terminal shows
+GAP = 2  # characters between two columns of a terminal
+TEXT_SHARE = 0.6  # of a terminal's width that titles and columns of text may take
+PAGE_PT = 495  # width of a LaTeX table on a page
+COLUMN_PT = 252  # and in one of the two columns of IEEEtran
+NUMBER_PT = 44  # width of a column of numbers
+TEXT_PT = 60  # least width of a column of text
+GAP_PT = 4  # between two columns
+HTML = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string("""\
+<div class="scroll" role="region" aria-label="{{ table.caption }}" tabindex="0">
+<table>
+{% if table.caption %}
+<caption>{{ table.caption }}</caption>
+{% endif %}
+<thead><tr>{% for heading in table.headings %}
+<th scope="col" class="{{ 'text' if loop.index0 <= table.left else 'number' }}">{{ heading }}</th>
+{%- endfor %}</tr></thead>
+<tbody>
+{% for row in table.rows() %}
+<tr>
+{% for text, best in row %}
+{% set lines, tag = text.split("\n"), "th" if loop.first else "td" %}
+<{{ tag }}{{ ' scope="row"' | safe if loop.first }} class="
+{{- 'text' if loop.index0 <= table.left else 'number' }}">
+{%- if best %}<b><span class="star" role="img" aria-label="not shown to be beaten:">★</span>&nbsp;
+{{- lines[0] }}</b>{% else %}{{ lines[0] }}{% endif %}
+{%- for line in lines[1:] %} <small>{{ line }}</small>{% endfor %}</{{ tag }}>
+{% endfor %}
+</tr>
+{% endfor %}
+</tbody>
+</table>
+</div>
+""")
+
+
+def _pairs(text: str) -> dict[str, str]:
+    """Return a dictionary from a text of words, which are keys and values in turn."""
+    words = text.split()
+    return dict(zip(words[::2], words[1::2], strict=True))
+
+
+CHARACTERS = _pairs(r"""
+    \ \textbackslash{}   { \{   } \}   & \&   % \%   $ \$   # \#   _ \_   ~ \textasciitilde{}
+    ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}
+    − $-$   – --   — ---   … \ldots{}   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   ø \o{}   Ø \O{}
+    ł \l{}   Ł \L{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$
+    ² $^2$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$   σ $\sigma$   Δ $\Delta$
+""")
+MARKS = "\u0300\u0301\u0302\u0303\u0304\u0306\u0307\u0308\u030a\u030b\u030c\u0323\u0327"
+ACCENTS = dict(zip(MARKS, "`'^~=u.\"rHvdc", strict=True))
+
+
+def markdown(table: Table) -> str:
+    """Return a table as Markdown, with its caption as a heading and small print in italics."""
+    numbers = table.texts.shape[1] - table.left
+    lines = [[*map(escaped, table.headings)], ["---"] * (1 + table.left) + ["--:"] * numbers]
+    for row in table.rows():
+        lines.append([_cell(text, best, escaped, "**%s**", "*%s*", " ") for text, best in row])
+    heading = f"## {escaped(table.caption)}\n\n" if table.caption else ""
+    return heading + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def escaped(text: str) -> str:
+    """Return `text` on one line for a cell of a Markdown table, escaped so that Markdown and HTML
+    show it literally."""
+    return re.sub(
+        r"([\\`*_\[\]|#~$])", r"\\\1", standard.escape(" ".join(text.split()), quote=False)
+    )
+
+
+def _cell(
+    text: str, best: bool, escape: Callable[[str], str], bold: str, small: str, between: str
+) -> str:
+    """Return a cell in Markdown or LaTeX, whose characters `escape` escapes. bold, small: forms of
+    a highlighted figure and of small print; between: what joins its lines."""
+    first, *further = map(escape, text.split("\n"))
+    return between.join((bold % first if best else first, *(small % line for line in further)))
+
+
+def html(table: Table) -> Markup:
+    """Return a table as HTML, in a region that scrolls where the table is wider than the page."""
+    return Markup(HTML.render(table=table))
+
+
+def latex(table: Table, width_pt: float = PAGE_PT) -> str:
+    """Return a table as LaTeX floats, as many as are needed for its columns.
+    width_pt: at most COLUMN_PT for one column of a page with two. The document needs no package and
+    any encoding: characters outside ASCII are written as commands."""
+    texts = 1 + table.left
+    numbers = table.texts.shape[1] - table.left
+    abreast = int((width_pt - texts * (TEXT_PT + GAP_PT)) // (NUMBER_PT + GAP_PT))
+    parts = np.array_split(np.arange(texts, texts + numbers), max(-(-numbers // abreast), 1))
+    return "\n".join(_float(table, [*range(texts), *part], width_pt) for part in parts)
+
+
+def _float(table: Table, columns: list[int], width_pt: float) -> str:
+    """Return a LaTeX float with some columns of a table; 0 is that of the titles."""
+    texts = 1 + table.left
+    numbers = len(columns) - texts
+    text_pt = (width_pt - numbers * (NUMBER_PT + GAP_PT)) / texts - GAP_PT
+    kind = "table*" if width_pt > COLUMN_PT else "table"
+
+    def row(cells: list[tuple[str, bool]]) -> str:
+        boxes = []
+        for column in columns:
+            wide_pt, side = (NUMBER_PT, "left") if column >= texts else (text_pt, "right")
+            text, best = cells[column]
+            text = _cell(text, best, tex, r"\textbf{%s}", r"{\scriptsize %s}", r"\\")
+            boxes.append(
+                rf"\parbox[t]{{{wide_pt:.1f}pt}}{{\ragged{side}\hspace{{0pt}}{text}\strut}}"
+            )
+        return " & ".join(boxes) + r" \\"
+
+    body = "\n".join(map(row, table.rows()))
+    return rf"""\begin{{{kind}}}[tp]
+\providecommand{{\toprule}}{{\hline}}\providecommand{{\midrule}}{{\hline}}
+\providecommand{{\bottomrule}}{{\hline}}
+\centering\footnotesize\setlength{{\tabcolsep}}{{{GAP_PT / 2}pt}}
+\caption{{{tex(table.caption)}}}\smallskip
+\begin{{tabular}}{{@{{}}{"l" * texts}{"r" * numbers}@{{}}}}
+\toprule
+{row([(heading, False) for heading in table.headings])}
+\midrule
+{body}
+\bottomrule
+\end{{tabular}}
+\end{{{kind}}}
+"""
+
+
+def tex(text: str) -> str:
+    """Return `text` as one line of ASCII that LaTeX prints literally, so that no character acts as
+    a command.
+    Letters with accents become LaTeX's accents; a character that fonts may not have becomes its
+    code point, such as U+624B."""
+    return "".join(map(_tex_character, " ".join(unicodedata.normalize("NFC", text).split())))
+
+
+def _tex_character(character: str) -> str:
+    if character in CHARACTERS:
+        return CHARACTERS[character]
+    if character.isascii() and character.isprintable():
+        return character
+    decomposed = unicodedata.normalize("NFD", character)
+    letter, mark = decomposed[0], decomposed[1:]
+    if mark in ACCENTS and letter.isascii() and letter.isalpha():
+        return rf"\{ACCENTS[mark]}{{{letter}}}"
+    return f"U+{ord(character):04X}"
+
+
+def terminal(table: Table, rest: str = "") -> None:
+    """Print a table on stdout, without small print and never wider than the terminal (80 characters
+    in a pipe). Columns that do not fit beside the others follow below; no number is broken.
+    rest: where the rows after the first 20 (ROWS) are."""
+    console, texts = Console(highlight=False), 1 + table.left
+    rows = [
+        [Text(text.partition("\n")[0], "bold" * best) for text, best in row] for row in table.rows()
+    ]
+    columns = list(zip(map(Text, table.headings), *rows[:ROWS], strict=True))
+    share = int(TEXT_SHARE * console.width / texts)
+    full = [max(text.cell_len for text in column) for column in columns]
+    least = [
+        min(full[i], share)
+        if i < texts
+        else max(cell_len(word) for word in (*head.plain.split(), *(cell.plain for cell in cells)))
+        for i, (head, *cells) in enumerate(columns)
+    ]
+    if table.caption:
+        console.print(Text(table.caption))
+    for part in _parts(least, texts, console.width):
+        fits = sum(full[i] + GAP for i in part) - GAP <= console.width
+        grid = Grid(
+            box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0)
+        )
+        for i in part:
+            head = columns[i][0].plain
+            if i < texts:
+                grid.add_column(Text(head))
+            else:
+                head = head if fits else fill(head, least[i])
+                grid.add_column(Text(head), justify="right", no_wrap=True)
+        for cells in zip(*(columns[i][1:] for i in part), strict=True):
+            grid.add_row(*cells)
+        console.print(grid)
+        console.print()
+    if len(rows) > ROWS:
+        console.print(f"… {len(rows) - ROWS} more in {rest}", markup=False)
+
+
+def _parts(widths: list[int], texts: int, width: int) -> list[list[int]]:
+    """Divide the columns of a table into as few parts as fit into a width; each begins with the
+    columns of text. widths: of the columns; texts: how many of them are text."""
+    parts = [list(range(texts))]
+    for column in range(texts, len(widths)):
+        if (
+            len(parts[-1]) > texts
+            and sum(widths[i] + GAP for i in (*parts[-1], column)) - GAP > width
+        ):
+            parts.append(list(range(texts)))
+        parts[-1].append(column)
+    return parts
