@@ -26,8 +26,9 @@ from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save
-from handbench.reports.tables.blocks import NONE, decimals, interval, is_known, number, paper
+from handbench.reports.tables.blocks import interval
 from handbench.reports.tables.result_tables import escaped, findings, table
+from handbench.reports.tables.rounding import NONE, decimals, is_known, number, paper
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 

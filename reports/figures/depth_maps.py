@@ -31,6 +31,7 @@ from handbench.reports.figures.layers import (
     mean_text,
 )
 from handbench.reports.figures.motion import error_over_frames, sequences
+from handbench.reports.figures.references import drawn_references, floor_note
 from handbench.reports.figures.style import (
     COLUMN_IN,
     STYLE,
@@ -40,7 +41,7 @@ from handbench.reports.figures.style import (
     narrow,
     time_text,
 )
-from handbench.reports.tables.blocks import AGAINST, drawn_references, floor_note
+from handbench.reports.tables.table import AGAINST
 
 X_LABEL, X_SHORT = (
     "x in mm, growing to the left (as seen from the array)",

@@ -16,7 +16,7 @@ from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results.about import titles
 from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.style import COLUMN_IN, INK, Picture, drawn_methods, log_axis, narrow
-from handbench.reports.tables.blocks import figure
+from handbench.reports.tables.rounding import figure
 
 LINE_IN = 0.165  # of a legend
 LABEL_SHARE = np.array([0.05, 0.03])  # of the axes' width and height that a label takes

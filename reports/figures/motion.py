@@ -7,6 +7,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.derived import START
 from handbench.bench.results.result_folder import Result
+from handbench.reports.figures.references import DRAWN
 from handbench.reports.figures.style import (
     Picture,
     log_axis,
@@ -15,7 +16,7 @@ from handbench.reports.figures.style import (
     side_by_side,
     width_in,
 )
-from handbench.reports.tables.blocks import AGAINST, DRAWN
+from handbench.reports.tables.table import AGAINST
 
 FEWEST = 3  # captures that a line connects
 LINEAR_MM_S = 10.0  # of speeds, up to which their scale is linear

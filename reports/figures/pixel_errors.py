@@ -9,8 +9,9 @@ import numpy as np
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.result_folder import Result
+from handbench.reports.figures.references import DRAWN, drawn_references
 from handbench.reports.figures.style import Picture, log_axis, methods, name_all, side_by_side
-from handbench.reports.tables.blocks import AGAINST, DRAWN, drawn_references
+from handbench.reports.tables.table import AGAINST
 
 EDGES_MM = np.append(np.geomspace(0.02, 100, 400), np.inf)
 # by method and reference: observed pixels [401] with |z − z_ref| up to each of EDGES_MM

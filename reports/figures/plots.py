@@ -20,6 +20,7 @@ from handbench.reports.figures.motion import (
     sequences,
 )
 from handbench.reports.figures.pixel_errors import Counts, error_distributions
+from handbench.reports.figures.references import DRAWN, drawn_references, floor_note
 from handbench.reports.figures.style import (
     COLUMN,
     DrawnMethod,
@@ -32,14 +33,7 @@ from handbench.reports.figures.style import (
     time_text,
     width_in,
 )
-from handbench.reports.tables.blocks import (
-    AGAINST,
-    DRAWN,
-    beside_paper,
-    drawn_references,
-    floor_note,
-    named,
-)
+from handbench.reports.tables.table import AGAINST, beside_paper
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 
@@ -150,8 +144,9 @@ def error_of_captures(result: Result) -> Picture:
         axis.label_outer()
     return Picture(
         "error_captures",
-        f"Mean absolute error of each method on {len(captures)} captures: points, in the order "
-        f"{named(captures)}; lines: their mean, from five captures on with its 95 % interval.",
+        f"Mean absolute error of each method on {len(captures)} captures: points, from "
+        f"{captures[0]} to {captures[-1]}; lines: their mean, from five captures on with its 95 % "
+        "interval.",
         "Mean absolute error of each method on each capture, and the mean.",
         figure,
     )

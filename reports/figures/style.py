@@ -18,7 +18,7 @@ from matplotlib.typing import MarkerType, RcKeyType
 from numpy.typing import ArrayLike
 
 from handbench.bench.results.result_folder import Result
-from handbench.reports.tables.blocks import is_known
+from handbench.reports.tables.rounding import is_known
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path
 

@@ -9,8 +9,10 @@ from handbench.bench.evaluation.metrics import HEADLINE
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import Result, best, shown
-from handbench.reports.tables.blocks import AGAINST, NONE, beside_paper, number, p_text, rounded
+from handbench.reports.tables.blocks import rounded
 from handbench.reports.tables.result_tables import claims
+from handbench.reports.tables.rounding import NONE, number, p_text
+from handbench.reports.tables.table import AGAINST, beside_paper
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.style import DrawnMethod, methods
 from handbench.reports.page import html, rendering, scene3d
 from handbench.reports.page.summary import main_reference
-from handbench.reports.tables.blocks import NONE, figure
+from handbench.reports.tables.rounding import NONE, figure
 from handbench.support.files import write_text
 
 PICTURES = 3  # captures in a row

@@ -14,20 +14,11 @@ from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, CaptureFacts, MethodFacts, on_common_pixels
 from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.result_folder import Result, best
+from handbench.reports.figures.references import drawn_references
 from handbench.reports.page.sections import Grid
-from handbench.reports.tables.blocks import (
-    AGAINST,
-    NONE,
-    decimals,
-    drawn_references,
-    figure,
-    interval,
-    is_known,
-    number,
-    outstanding,
-    paper,
-    rounded,
-)
+from handbench.reports.tables.blocks import interval, rounded
+from handbench.reports.tables.rounding import NONE, decimals, figure, is_known, number, paper
+from handbench.reports.tables.table import AGAINST, outstanding
 
 SMOOTHED = "window"  # the equal treatment in the main table
 

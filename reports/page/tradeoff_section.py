@@ -13,7 +13,8 @@ from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
 from handbench.reports.page import rendering
 from handbench.reports.page.rendering import Image
 from handbench.reports.page.sections import Grid
-from handbench.reports.tables.blocks import figure, rounded
+from handbench.reports.tables.blocks import rounded
+from handbench.reports.tables.rounding import figure
 
 
 def section(result: Result, folder: Path) -> list[tuple[Image, Grid]]:

@@ -2,17 +2,18 @@
 more lines for each metric. Markdown, LaTeX, terminal and HTML tables are made from these blocks."""
 
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeGuard
 
 import pandas as pd
 
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
-from handbench.bench.results.about import TREATMENTS, CaptureFacts, on_common_pixels
+from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels
-from handbench.bench.results.result_folder import Result, best
+from handbench.bench.results.result_folder import Result
+from handbench.reports.tables.rounding import _places, figure, is_known, number, paper
+from handbench.reports.tables.table import AGAINST, beside_paper, outstanding
 
 HEADINGS = {
     "photogrammetry": "Scored against photogrammetry",
@@ -24,16 +25,8 @@ OF_PAPER = {  # added where the paper's figures are next to ours
     "photogrammetry": ", as the paper does",
     "truth": " (the paper's figures are against photogrammetry)",
 }
-AGAINST = {
-    "photogrammetry": "against photogrammetry",
-    "completed": "against photogrammetry, completed by the true surface",
-    "truth": "against the true surface",
-}
-# references of pictures: the completed one is drawn in these two
-DRAWN = ("photogrammetry", "truth")
 EQUAL_HEADING = "Under equal treatment {against}: the figures that say which method is better"
 NAMED = 12  # captures; more are counted
-NONE = "–"
 
 
 @dataclass(frozen=True)
@@ -129,17 +122,6 @@ def _block(result: Result, reference: str) -> Block:
     return Block(reference, heading, titles, tuple(lines))
 
 
-def drawn_references(captures: Iterable[CaptureFacts]) -> list[str]:
-    """Return the references that pictures show and against which one of the captures is scored."""
-    scored = {reference for capture in captures for reference in capture.references}
-    return [reference for reference in DRAWN if reference in scored]
-
-
-def beside_paper(result: Result) -> bool:
-    """Tell whether a result has the paper's figures next to its own."""
-    return bool(result.table.paper.notna().any())
-
-
 def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -> list[Line]:
     """Return the lines of one metric: our figures and, if the paper reports the metric, its figures
     and, unless they are percentages, the ratio of both.
@@ -162,40 +144,10 @@ def _lines(metric: str, title: str, rows: pd.DataFrame, stars: frozenset[str]) -
     return lines
 
 
-def outstanding(result: Result, metric: str, reference: str, treatment: str = "") -> frozenset[str]:
-    """Return the ids of the methods to highlight for a metric: the one with the best figure and all
-    that are not significantly worse.
-    Empty if nothing was tested, or if no method is significantly worse. treatment: an equal
-    treatment (same smoothing for all methods), or "" for methods with their own settings."""
-    lines = result.compared(metric, reference, treatment)
-    names = best(lines)
-    return frozenset() if lines.worse.isin(names).all() else frozenset(names)
-
-
 def ratio(rows: pd.DataFrame) -> pd.Series:
     """Return our figure divided by the paper's, for each row of the result's table; NaN if one of
     them is missing or the paper's is 0."""
     return rows.value / rows.paper.where(rows.paper != 0)
-
-
-def is_known(figure: float | None) -> TypeGuard[float]:
-    """Tell whether a figure is neither None nor NaN."""
-    return figure is not None and figure == figure
-
-
-def figure(value: float | None, low: float | None, high: float | None, unit: str) -> str:
-    """Format a figure followed by its interval, such as "1.23 [1.10, 1.36]". Without a known
-    interval, only the figure is returned; a missing figure is a dash."""
-    if not is_known(value):
-        return NONE
-    places = decimals(value, low, high, unit)
-    return " ".join(filter(None, (number(value, places), interval(low, high, places))))
-
-
-def paper(value: float | None, unit: str) -> str:
-    """Format a figure of the paper with as many decimals as the paper prints: one for millimetres,
-    two for other units."""
-    return number(value, 1 if unit == "mm" else 2)
 
 
 def interval(low: float | None, high: float | None, places: int) -> str:
@@ -207,42 +159,10 @@ def interval(low: float | None, high: float | None, places: int) -> str:
     )
 
 
-def number(value: float | None, places: int) -> str:
-    """Format a number with `places` decimals and a true minus sign; a missing number is a dash."""
-    return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
-
-
 def rounded(value: float | None) -> str:
     """Format a number with three significant digits, but at most six decimals; a missing number
     is a dash."""
-    return number(value, _digits(value, 3) if value and is_known(value) else 0)
-
-
-def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
-    """Return the number of decimals with which a figure and its interval [low, high] are printed.
-    With an interval there are enough for two significant digits of half its width, but at most
-    three of the value. Without one there are two of the value: the third depends on the processor,
-    whose rounding moves pixels across the edge of the reference. Millimetres have at least one, as
-    in the paper, percentages one, pixels none."""
-    if unit in ("%", "pixels") or not value:
-        return 1 if unit == "%" else 0
-    if is_known(low) and is_known(high) and high > low:
-        places = min(_digits(value, 3), _digits((high - low) / 2, 2))
-    else:
-        places = _digits(value, 2)
-    return max(places, 1) if unit == "mm" else places
-
-
-def _digits(value: float, digits: int) -> int:
-    return min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), 6)
-
-
-def p_text(p: float | None) -> str:
-    """Format a p-value with two decimals, or with three below 0.1. Below 0.001 it is "< 0.001"; an
-    unknown one is a dash."""
-    if not is_known(p):
-        return NONE
-    return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+    return number(value, _places(value, 3) if value and is_known(value) else 0)
 
 
 def caption(result: Result) -> str:
@@ -300,21 +220,4 @@ def best_note(found: list[Block]) -> str:
         " Bold: the best figure and all that are not shown to be worse than it (paired test on "
         "the same captures, 5 % "
         "for all pairs together)."
-    )
-
-
-def floor_note(result: Result) -> str:
-    """Return a sentence on the ground-truth floor for the captions of error maps. The floor is the
-    mean error that a perfect radar would show, because the reference itself has errors.
-    For each reference surface it gives the largest floor of all methods, mm. The sentence begins
-    with a blank; "" if no floor is above zero."""
-    floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
-    known_floors = [(reference, floors.get(reference, 0.0)) for reference in REFERENCES]
-    known = ", ".join(
-        f"{rounded(v)} mm against {reference}" for reference, v in known_floors if v > 0
-    )
-    return (
-        f" Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar: {known}."
-        if known
-        else ""
     )

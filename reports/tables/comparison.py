@@ -7,7 +7,6 @@ from typing import Any
 from handbench.bench.evaluation.tables import DIFFERENCES, each, write
 from handbench.bench.results.compare_results import TIME, Compared
 from handbench.reports.tables import latex
-from handbench.reports.tables.blocks import NONE, figure, number, p_text
 from handbench.reports.tables.result_tables import (
     escaped,
     print_table,
@@ -15,6 +14,7 @@ from handbench.reports.tables.result_tables import (
     terminal_table,
     wide_console,
 )
+from handbench.reports.tables.rounding import NONE, figure, number, p_text
 from handbench.support.files import write_json, write_text
 
 CHANGES = 12  # of one kind are shown; compare.json has all

@@ -12,19 +12,9 @@ from itertools import groupby, pairwise
 
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import Result
-from handbench.reports.tables.blocks import (
-    AGAINST,
-    NONE,
-    Block,
-    Line,
-    best_note,
-    blocks,
-    caption,
-    figure,
-    number,
-    p_text,
-    paper_block,
-)
+from handbench.reports.tables.blocks import Block, Line, best_note, blocks, caption, paper_block
+from handbench.reports.tables.rounding import NONE, figure, number, p_text
+from handbench.reports.tables.table import AGAINST
 
 COLUMNS, ABREAST = 5, 4  # methods that fit next to each other on a page and in one of its columns
 TITLE = "30mm"  # width of the column of metrics, whose titles are long

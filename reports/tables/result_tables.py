@@ -18,15 +18,8 @@ from handbench.bench.evaluation.metrics import chosen
 from handbench.bench.evaluation.tables import LEVEL, each
 from handbench.bench.results.about import TREATMENTS
 from handbench.bench.results.result_folder import Result
-from handbench.reports.tables.blocks import (
-    best_note,
-    blocks,
-    caption,
-    is_known,
-    number,
-    p_text,
-    ratio,
-)
+from handbench.reports.tables.blocks import best_note, blocks, caption, ratio
+from handbench.reports.tables.rounding import is_known, number, p_text
 
 PAIRS = (
     ("3fsk", "2fsk"),

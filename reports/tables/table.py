@@ -67,6 +67,11 @@ def main_reference(result: Result) -> str:
     return next((reference for reference in REFERENCES if reference in scored), "")
 
 
+def beside_paper(result: Result) -> bool:
+    """Tell whether a result has the paper's figures next to its own."""
+    return bool(result.table.paper.notna().any())
+
+
 def figures(
     result: Result,
     metrics: Iterable[str],
