@@ -27,12 +27,55 @@ from handbench.bench.results.result_folder import Result, write_about, write_tab
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.files import write_text
 
-FLOOR_MM = {"photogrammetry": 0.126, "truth": 0.0}
+FLOOR_MM = {"photogrammetry": 0.126, "completed": 0.2, "truth": 0.0}
 METHODS = {  # name: title, standard deviation of z in mm, seconds per frame
     "2fsk": ("2-FSK", 6.0, 0.08),
     "3fsk": ("3-FSK", 1.5, 0.21),
     "broadband": ("Broadband", 0.9, 42.0),
     "narrowband": ("Narrowband", 12.0, 1.1),
+}
+ELEVEN = {  # the methods of the embedded table, as METHODS
+    "2fsk": ("2-FSK", 7.6, 0.02),
+    "3fsk": ("3-FSK", 1.0, 0.04),
+    "broadband": ("broadband", 1.1, 1.4),
+    "narrowband": ("narrowband", 13.0, 0.3),
+    "3fsk-offaxis": ("3-FSK off-axis", 0.9, 0.04),
+    "3fsk-weighted": ("3-FSK weighted", 0.8, 0.05),
+    "3fsk-plus": ("3-FSK plus", 0.7, 0.05),
+    "nfsk-plus": ("ladder plus", 0.6, 0.2),
+    "joint": ("joint", 0.6, 5.0),
+    "broadband-aligned": ("broadband aligned", 0.5, 12.0),
+    "broadband-subvoxel": ("broadband sub-voxel", 1.1, 1.4),
+}
+RESULTS: dict[str, dict] = {  # arguments of write_synthetic
+    "table": {
+        "captures": ("B", "F", "U"),
+        "methods": ELEVEN,
+        "references": ("photogrammetry", "completed", "truth"),
+        "equal": True,
+        "tested": ("complete_2mm_percent",),
+    },
+    "strangers": {  # names as long, and as strange, as a user may give
+        "captures": ("left hand of subject 17, second session, thumb abducted", "Ωß手_%$#&{}^~"),
+        "methods": {
+            "3fsk-longest": ("3-FSK of 82, 81.8 and 72 GHz, median of 5 pixels & more", 1.5, 0.2),
+            "other": ("<b>Wirkungsquerschnittsrückprojektionsverfahren_2</b>", 123.4, 1234.5),
+        },
+        "paper": False,
+    },
+    "sphere": {
+        "captures": ("sphere",),
+        "methods": {"3fsk": ("3-FSK", 0.5, 0.04)},
+        "references": ("truth",),
+        "paper": False,
+    },
+    "many": {
+        "captures": tuple(f"subject-{n:03d}" for n in range(120)),
+        "methods": {name: METHODS[name] for name in ("2fsk", "3fsk")},
+        "references": ("photogrammetry",),
+        "tested": ("mae_mm", "complete_2mm_percent"),
+        "paper": False,
+    },
 }
 
 
@@ -52,10 +95,11 @@ def write_synthetic(
     equal: bool = False,
     tested: tuple[str, ...] = (),
     meshes: dict[str, dict[str, float]] | None = None,
+    paper: bool = True,
 ) -> Path:
     """Write a complete result folder; equal: with figures under equal treatment; tested: the
     metrics by which its protocol compares methods; meshes: figures of settings of the ground
-    truth. The id of a method is its name up to the first dash."""
+    truth; paper: with the paper's figures. The id of a method is its name up to the first dash."""
     rng, axis = np.random.default_rng(1), np.arange(-0.1, 0.1, step_m)
     folder.mkdir(parents=True, exist_ok=True)
     photo = folder / "photo.png"
@@ -83,7 +127,7 @@ def write_synthetic(
         seconds = seconds * rng.uniform(0.9, 1.2, 30)
         lines += [(*of_method, n, "strongest_z_m", z) for n, z in enumerate(z_m)]
         lines += [(*of_method, n, "seconds", s) for n, s in enumerate(seconds)]
-    table = main_table(frame(SCORES, lines), PAPER, 0, with_paper=True)
+    table = main_table(frame(SCORES, lines), PAPER, 0, with_paper=paper)
     for name, found in (meshes or {}).items():
         lines += [(captures[0], name, "truth", "", 0, *each) for each in found.items()]
     cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)

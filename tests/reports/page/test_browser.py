@@ -1,5 +1,5 @@
-"""The report in a browser, from a file: nothing is cut, covered or faint at several widths, and the
-3-D view draws what is chosen."""
+"""Reports in a browser, from files: nothing is cut, covered or faint at several widths, in light,
+dark and print, and the 3-D view draws what is chosen."""
 
 from __future__ import annotations
 
@@ -8,24 +8,30 @@ import json
 import re
 import shutil
 import subprocess
+from itertools import product
 
 import pytest
 
-from handbench.reports.page import html
-from tests.reports.synthetic_result import METHODS, write_synthetic
+from handbench.reports.page import html, rendering
+from tests.reports.synthetic_result import RESULTS, write_synthetic
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 pytestmark = pytest.mark.skipif(
     CHROMIUM is None,
-    reason="no Chromium: the report was NOT looked at in a browser (Debian's package: chromium)",
+    reason="no Chromium: no report was looked at in a browser (Debian's package: chromium)",
 )
 SWITCHES = ("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PAGES = {name: f"{name}/index.html" for name in RESULTS} | {"further": "many/pages/001.html"}
 WIDTHS = (400, 800, 1280, 1920)
-# Leaf texts with their rectangles; a text in a region that scrolls by itself may go beyond its
-# edge, the main table may not.
+PRINTED = 1032  # CSS pixels of a sheet of A4, landscape, without its margins
+PICTURE = rendering.Image(
+    "data:image/gif;base64,R0lGODlhAQABAAAAACw=", 798, 400, "grey", 30 * "words ", "depth_B"
+)
+# Leaf texts with their rectangles and their nearest box that cuts or scrolls; a text may go beyond
+# a box that scrolls, except in the main table.
 FAULTS = """function layoutFaults() {
-const faults = [], page = document.documentElement, wide = page.clientWidth;
+const faults = [], boxes = [], page = document.documentElement, wide = page.clientWidth;
 if (page.scrollWidth > wide) faults.push(`the page is ${page.scrollWidth} px wide, not ${wide}`);
 const main = document.querySelector('table.main');
 if (main && main.scrollWidth > main.parentElement.clientWidth + 1)
@@ -33,28 +39,40 @@ if (main && main.scrollWidth > main.parentElement.clientWidth + 1)
 const luminance = c => { const [r, g, b] = c.map(v => (v /= 255) <= .04045 ? v / 12.92
   : ((v + .055) / 1.055) ** 2.4); return .2126 * r + .7152 * g + .0722 * b; };
 const parse = text => text.match(/[\\d.]+/g).map(Number);
-const ground = e => { for (; e; e = e.parentElement) {
-  const c = parse(getComputedStyle(e).backgroundColor);
-  if (c.length < 4 || c[3] > 0) return c.slice(0, 3); }
-  return matchMedia('(prefers-color-scheme: dark)').matches && !matchMedia('print').matches
-    ? [4, 4, 4] : [255, 255, 255]; };
-const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), boxes = [];
+page.style.backgroundColor = 'Canvas';
+// of an element: its background's colour, its nearest box that cuts or scrolls, and its opacity
+const known = new Map([[null, {region: null, opacity: 1}]]);
+const around = e => {
+  if (!known.has(e)) {
+    const style = getComputedStyle(e), outer = around(e.parentElement);
+    const ground = parse(style.backgroundColor);
+    known.set(e, {
+      ground: (ground[3] ?? 1) > 0 ? ground.slice(0, 3) : outer.ground,
+      region: style.overflowX === 'visible' ? outer.region
+        : {box: e.getBoundingClientRect(), scrolls: e.scrollWidth > e.clientWidth
+           && /auto|scroll/.test(style.overflowX)},
+      opacity: outer.opacity * style.opacity,
+    });
+  }
+  return known.get(e);
+};
+const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
 const range = document.createRange();
 while (walker.nextNode()) {
   const text = walker.currentNode, of = text.parentElement;
-  if (!text.data.trim() || of.closest('script, style, option, .skip')) continue;
+  if (!text.data.trim() || of.closest('script, style, option')) continue;
   if (!of.checkVisibility({contentVisibilityAuto: true, visibilityProperty: true})) continue;
-  const said = JSON.stringify(text.data.trim().slice(0, 40)), scrolls = of.closest('.scroll, pre');
-  const style = getComputedStyle(of), [a, b] = [parse(style.color).slice(0, 3), ground(of)]
+  const said = JSON.stringify(text.data.trim().slice(0, 40));
+  const {ground, region, opacity} = around(of);
+  const [a, b] = [parse(getComputedStyle(of).color).slice(0, 3), ground]
     .map(luminance).sort((x, y) => y - x), ratio = (a + .05) / (b + .05);
-  if (ratio < 4.5) faults.push(`${said} has a contrast of ${ratio.toFixed(2)}`);
+  const limit = region ? region.box : {left: 0, right: wide};
   range.selectNodeContents(text);
   for (const box of range.getClientRects()) {
-    if (box.width < 1) continue;
-    const limit = scrolls ? scrolls.getBoundingClientRect() : {left: 0, right: wide};
+    if (box.width < 1 || box.right < 0) continue;  // for screen readers alone
+    if (ratio < 4.5 || opacity < 1) faults.push(`${said} has a contrast of ${ratio.toFixed(2)}`);
     const beyond = box.right > limit.right + 1 || box.left < limit.left - 1;
-    if (beyond && !(scrolls && scrolls.scrollWidth > scrolls.clientWidth))
-      faults.push(`${said} is cut`);
+    if (beyond && !region?.scrolls) faults.push(`${said} is cut`);
     if (!beyond) boxes.push([box, text, said]);
   }
 }
@@ -66,69 +84,90 @@ boxes.forEach(([p, text, said], i) => {
         && Math.min(p.bottom, q.bottom) - q.top > 4) faults.push(`${said} covers ${too}`);
   }
 });
-return faults;
+return [...new Set(faults)];
 }"""
-# Each page tells the one around it what it has found, folded and with all of it unfolded.
+# Each page tells the one around it its faults, with all of it unfolded. A page called "print" has
+# the rules for print, and stays folded.
 TELL = """addEventListener('load', async () => {
-const pause = () => new Promise(done => setTimeout(done, 200));
-const broken = location.search === '?broken', canvas = document.querySelector('.viewer canvas');
-if (broken) document.querySelector('.leads').style.cssText =
-  'color: #999; margin-left: -300px; min-width: 3000px';
-const faults = layoutFaults();
-canvas.scrollIntoView();
-await pause();
-const before = canvas.toDataURL();
-document.querySelector('.viewer [name=method][value="3fsk-fast"]').click();
-await pause();
-for (let n = 0; location.search === '?view' && n < 100 && before === canvas.toDataURL(); n++)
+const pause = () => new Promise(done => setTimeout(done, 200)), kind = location.search.slice(1);
+if (kind === 'print') for (const rule of document.styleSheets[0].cssRules)
+  if (rule.media?.mediaText === 'print') rule.media.mediaText = 'all';
+if (kind === 'broken') {
+  document.querySelector('h1').style.cssText = 'color: #999; margin-left: -1.5rem';
+  document.querySelector('h2').style.marginBottom = '-3rem';
+  document.querySelector('.main').style.width = '3000px';
+}
+const view = {};
+if (kind === 'view') {
+  const canvas = document.querySelector('.viewer canvas');
+  canvas.scrollIntoView();
   await pause();
-const drawn = before !== canvas.toDataURL(), status = document.querySelector('.status').textContent;
-document.querySelectorAll('details').forEach(of => of.open = true);
-await pause();
-faults.push(...layoutFaults());
-parent.postMessage({page: location.search, faults, drawn, status}, '*');
+  const before = canvas.toDataURL();
+  document.querySelector('.viewer [name=method][value=joint]').click();
+  for (let n = 0; n < 100 && before === canvas.toDataURL(); n++) await pause();
+  view.drawn = before !== canvas.toDataURL();
+  view.dark = matchMedia('(prefers-color-scheme: dark)').matches;
+  view.status = document.querySelector('.viewer .status').textContent;
+}
+if (kind !== 'print') document.querySelectorAll('details').forEach(of => of.open = true);
+parent.postMessage({faults: layoutFaults(), ...view}, '*');
 });"""
-AROUND = """<pre></pre><script>onmessage = e =>
-document.querySelector('pre').append(JSON.stringify(e.data) + '\\n')</script>"""
+# Looks at one page after the other.
+AROUND = """<pre></pre><script>(async () => {
+for (const [name, address, width, scheme] of LOOKS) {
+  const frame = document.createElement('iframe');
+  Object.assign(frame, {src: address, width, height: 900});
+  frame.style.colorScheme = scheme;
+  const told = new Promise(done => onmessage = e => done(e.data));
+  document.body.append(frame);
+  document.querySelector('pre').append(JSON.stringify({name, ...await told}) + '\\n');
+  frame.remove();
+}
+})()</script>"""
 
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
-    """What a browser finds in a report of two captures by two settings of a method: page → its
-    findings."""
+    """What a browser finds: name of the look → its findings."""
     base = tmp_path_factory.mktemp("browser")
-    methods = {"3fsk": METHODS["3fsk"], "3fsk-fast": ("3-FSK, fast", *METHODS["2fsk"][1:])}
-    folder = write_synthetic(base / "table", ("B", "F"), methods, ("photogrammetry",))
-    page = html.build(folder, base / "report")
-    text = re.sub("<meta http-equiv[^>]*>", "", page.read_text("utf-8"))  # forbids other scripts
-    script = f"<script>{FAULTS}\n{TELL}</script></body>"
-    (base / "page.html").write_text(text.replace("</body>", script), "utf-8")
-    # a page that the others move out of the window does not draw its view
-    return look(base, [*map(str, WIDTHS), "broken"]) | look(base, ["view"])
-
-
-def look(base, pages):
-    """What a browser finds in frames of these names, of 1280 pixels or as many as the name says."""
-    widths = [name if name.isdigit() else 1280 for name in pages]
-    frame = '<iframe src="page.html?{}" width="{}" height="900"></iframe>'
-    frames = map(frame.format, pages, widths)
-    (base / "around.html").write_text(AROUND + "".join(frames), "utf-8")
-    uri = (base / "around.html").as_uri()
-    given = [CHROMIUM, *SWITCHES, "--virtual-time-budget=60000", "--dump-dom", uri]
-    found = subprocess.run(given, capture_output=True, check=True, timeout=600, text=True).stdout
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HANDBENCH_WORKERS", "1")
+        patch.setattr(rendering, "images", lambda draw, folder, paper=True: [PICTURE])
+        for name, arguments in RESULTS.items():
+            html.build(
+                write_synthetic(base / "results" / name, step_m=8e-3, **arguments), base / name
+            )
+    for path in PAGES.values():
+        text = re.sub("<meta http-equiv[^>]*>", "", (base / path).read_text("utf-8"))
+        script = f"<script>{FAULTS}\n{TELL}</script></body>"  # which the page's policy forbids
+        (base / path).write_text(text.replace("</body>", script), "utf-8")
+    looks = [("broken", f"{PAGES['table']}?broken", 400, "light")]
+    looks += [("view", f"{PAGES['table']}?view", 1280, "dark")]
+    for name, path in PAGES.items():
+        schemes = product(WIDTHS, ("light", "dark"))
+        looks += [(f"{name} {width} {scheme}", path, width, scheme) for width, scheme in schemes]
+        looks += [(f"{name} print", f"{path}?print", PRINTED, "light")]
+    (base / "around.html").write_text(AROUND.replace("LOOKS", json.dumps(looks)), "utf-8")
+    command = [CHROMIUM, *SWITCHES, "--virtual-time-budget=600000", "--dump-dom"]
+    command += [(base / "around.html").as_uri()]
+    found = subprocess.run(command, capture_output=True, check=True, timeout=600, text=True).stdout
     lines = markup.unescape(found.partition("<pre>")[2].partition("</pre>")[0]).splitlines()
-    return {line["page"][1:]: line for line in map(json.loads, lines)}
+    findings = {line["name"]: line for line in map(json.loads, lines)}
+    assert len(findings) == len(looks) and findings["view"]["dark"]
+    return findings
 
 
-@pytest.mark.parametrize("width", WIDTHS)
-def test_no_text_is_cut_covered_or_faint(seen, width):
-    assert seen[str(width)]["faults"] == []
+@pytest.mark.parametrize("page", PAGES)
+def test_no_text_is_cut_covered_or_faint(seen, page):
+    faults = {look: of["faults"] for look, of in seen.items() if look.startswith(f"{page} ")}
+    assert not any(faults.values()), faults
 
 
 def test_faults_of_the_layout_are_found(seen):
     faults = " ".join(seen["broken"]["faults"])
-    assert all(fault in faults for fault in ("is cut", "has a contrast of 2.85", "px wide"))
+    signs = ("is cut", "covers", "has a contrast of 2.85", "main table scrolls")
+    assert all(sign in faults for sign in signs), faults
 
 
 def test_the_view_in_3d_draws_the_method_that_is_chosen(seen):
-    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: 3-FSK, fast, ")
+    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: joint, ")
