@@ -48,9 +48,9 @@ class Metric:
     values are better ("zero": values nearer to zero). of, of_velocities: function that computes it
     from the pixels or the radial velocities of one map, NaN or infinite if undefined. combine:
     makes the figure of the main table from the scores of a method. shown: the tables that show it
-    besides table.csv, separated by blanks: main (terminal, LaTeX column), summary (report), readme,
-    compare, frames (of every frame), common (on the pixels that all methods see), motion. paper:
-    method → the figure that the paper states."""
+    besides table.csv, separated by blanks: main (beside the paper), summary (a row for each
+    method), limits (what limits a result), readme, compare, frames (of every frame), common (on the
+    pixels that all methods see), motion. paper: method → the figure that the paper states."""
 
     key: str
     title: str
@@ -146,7 +146,7 @@ Metric(
     "unknown",
     lambda p: 1e3 * NORMAL_MEAN * mean(p.sigma_m),
     combine=mean_of_floors,
-    shown="main readme",
+    shown="main limits readme",
 )
 Metric(
     "max_mm",
@@ -225,7 +225,7 @@ Metric(
     "higher",
     "share of the reference's pixels that the map has a depth for, right or wrong",
     lambda p: 100 * p.n_observed / p.n_surface,
-    shown="main readme",
+    shown="main limits readme",
 )
 for _mm in F_MM:
     Metric(

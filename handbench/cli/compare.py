@@ -12,7 +12,7 @@ def run(options: argparse.Namespace) -> str | None:
     Returns a summary if files were written."""
     from handbench.bench.results.compare_results import compare_results
     from handbench.bench.results.result_folder import load
-    from handbench.reports.tables.comparison import show, write_compared
+    from handbench.reports.tables.comparison import show, write
 
     if options.out is not None:
         free(options.out / "compare.json", options.overwrite)
@@ -23,6 +23,6 @@ def run(options: argparse.Namespace) -> str | None:
         show(compared)
     if options.out is None:
         return None
-    write_compared(compared, options.out)
+    write(compared, options.out)
     better = int((compared.differences.better != "").sum())
     return f"{options.out}: {len(compared.differences)} figures compared, {better} shown to differ"

@@ -20,10 +20,11 @@ def run(options: argparse.Namespace) -> None:
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
     capture is used again."""
+    import pandas as pd
+
     from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
-    from handbench.bench.evaluation.metrics import HEADLINE
-    from handbench.bench.evaluation.metrics import METRICS as DEFINED
+    from handbench.bench.evaluation.metrics import HEADLINE, METRICS, chosen
     from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.stages.reconstruct import Imager
     from handbench.calibration.transforms import identity
@@ -32,53 +33,43 @@ def run(options: argparse.Namespace) -> None:
     from handbench.radar.methods.registry import titles
     from handbench.reports.figures.depth_maps import methods_figure
     from handbench.reports.figures.style import save
-    from handbench.reports.tables.result_tables import print_table, terminal_table
+    from handbench.reports.tables.rounding import figure
+    from handbench.reports.tables.table import Table
+    from handbench.reports.tables.writers import notes, terminal
     from handbench.support.cost import machine
 
     folder: Path = options.out
-    figures = HEADLINE, "complete_2mm_percent"
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
     _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
     _simulate(folder / SCENE, capture)
-    surface, facts, lines, shown = read_surface(truth), machine(), [], []
+    surface, shown = read_surface(truth), []
+    rows: dict[str, dict[str, str]] = {}
     for id in METHODS:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
-        depth = images.results[0].depth
+        depth, title = images.results[0].depth, titles()[id]
         depth.save(folder / f"{id}.npz")
-        scores = score(
-            depth, reference_of_surface(surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m))
+        reference = reference_of_surface(
+            surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m)
         )
-        values = scores.figures
-        lines.append(
-            (
-                titles()[id],
-                *(f"{values[name]:.2f}" for name in figures),
-                f"{median(images.seconds):.2f}",
-            )
-        )
-        shown.append(
-            (
-                f"{titles()[id]}\n{DEFINED[HEADLINE].title} {values[HEADLINE]:.2f} mm",
-                depth.z_m,
-                scores.errors,
-            )
-        )
+        scores = score(depth, reference)
+        values = scores.figures | {"seconds": median(images.seconds)}
+        defined = (METRICS[metric] for metric in chosen("summary") if metric in values)
+        rows[title] = {
+            f"{metric.title} ({metric.unit})": figure(values[metric.key], unit=metric.unit)
+            for metric in defined
+        }
+        headline = METRICS[HEADLINE]
+        error = f"{headline.title} {figure(values[HEADLINE], unit=headline.unit)} {headline.unit}"
+        shown.append((f"{title}\n{error}", depth.z_m, scores.errors))
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
-    columns = (
-        "",
-        *(f"{DEFINED[name].title}, {DEFINED[name].unit}" for name in figures),
-        "seconds a frame",
-    )
-    print_table(terminal_table("", columns, lines))
-    print(
-        f"against the true surface; images to {TOLERANCE:g}; {facts['cores']} cores of "
-        f"{facts['processor']}"
-    )
+    texts = pd.DataFrame.from_dict(rows, orient="index")
+    terminal(Table("Scored against the true surface", texts.rename_axis("method")))
+    facts = machine()
+    notes(f"images to {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")
     print(f"picture: {folder / PICTURE}\nnext:")
-    better = folder / "aligned.npz"
-    print(f"  handbench reconstruct {capture} --method broadband-aligned -o {better}")
-    print(f"  handbench evaluate {better} --mesh {truth}")
+    print(f"  handbench reconstruct {capture} --method joint -o joint.npz")
+    print(f"  handbench evaluate joint.npz --mesh {truth}")
     print(f"  handbench simulate {folder / SCENE} --explain")
     print("  handbench list")
 

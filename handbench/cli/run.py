@@ -1,22 +1,71 @@
 """`handbench run`: image all captures of a benchmark with all its methods, and score the depth
 maps."""
 
+from __future__ import annotations
+
 import argparse
+from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from handbench.bench.results.result_folder import Result
+
+SHOWN = 3  # of our best methods
 
 
 def run(options: argparse.Namespace) -> str:
-    """Run a benchmark, or resume an interrupted run, and print the table of the main figures at the
-    end.
+    """Run a benchmark, or resume an interrupted run, and print the main figures at the end.
     Returns a summary."""
     from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import runner
     from handbench.cli.options import names
-    from handbench.reports.tables.result_tables import show
 
     bench, base = load_benchmark(options.bench, names(options.only))
     command = f"handbench run {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
-    show(result)
-    print(f"results: {options.out}")
+    show(result, options.out)
     captures, methods, failed = map(len, (bench.capture, bench.method, result.about.failures))
     return f"{options.out}: captures × methods: {captures} × {methods}, failed stages: {failed}"
+
+
+def show(result: Result, out: Path) -> None:
+    """Print the table of the paper and our best methods or, without figures of a paper, a row for
+    each method; then what limits the figures, and where all of them are."""
+    from handbench.bench.evaluation.metrics import chosen
+    from handbench.reports.tables.table import best_of_ours, figures, main_reference, of_paper
+    from handbench.reports.tables.writers import notes, terminal
+
+    if paper := of_paper(result):
+        terminal(paper)
+        if best := best_of_ours(result, SHOWN):
+            terminal(best)
+    else:
+        terminal(figures(result, chosen("summary"), main_reference(result)), f"{out}/table.csv")
+    notes(*limits(result))
+    notes(f"all figures: {out}/table.csv", f"report: handbench report {out} -o REPORT")
+
+
+def limits(result: Result) -> list[str]:
+    """Return what limits a result: the metrics that say so, over all methods, whether the machine
+    was busy, and what failed."""
+    from rich.console import Console
+
+    from handbench.bench.evaluation.metrics import chosen
+    from handbench.reports.tables.rounding import figure
+    from handbench.reports.tables.table import main_reference
+
+    texts = []
+    lines = result.table[result.table.reference == main_reference(result)].dropna(subset="value")
+    for metric in chosen("limits"):
+        if len(of_metric := lines[lines.metric == metric]):
+            ends = of_metric.value.agg(["min", "max"])
+            unit = of_metric.unit.iloc[0]
+            values = " to ".join(dict.fromkeys(figure(value, unit=unit) for value in ends))
+            texts.append(f"{result.title(metric)} {values} {unit}")
+    if result.busy():
+        texts.append("machine busy: times too long")
+    if failures := result.about.failures:
+        failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
+        texts.append(shorten(f"failed: {failed}", Console().width, placeholder=" …"))
+    return texts

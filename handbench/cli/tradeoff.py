@@ -24,18 +24,17 @@ def run(options: argparse.Namespace) -> str:
     from handbench.reports.figures.fronts import pictures, ranked_methods
     from handbench.reports.figures.style import save
     from handbench.reports.page.html import build
-    from handbench.reports.page.tradeoff_section import settings_grid
-    from handbench.reports.tables.result_tables import print_table, terminal_table
+    from handbench.reports.tables.table import settings
+    from handbench.reports.tables.writers import terminal
 
     max_error_mm = quantity(options.max_mae, LENGTHS, "--max-mae")
     max_seconds = quantity(options.max_time, TIMES, "--max-time")
     bench, base = load_tradeoff(options.bench, names(options.only))
     command = f"handbench tradeoff {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, command=command)
-    for metric, settings in ranked_methods(result).items():
-        best = settings[settings.on_front | settings.on_own_front]
-        grid = settings_grid(metric, best, {})
-        print_table(terminal_table(grid.caption, grid.headings, grid.rows))
+    for metric, ranked in ranked_methods(result).items():
+        best = ranked[ranked.on_front | ranked.on_own_front]
+        terminal(settings(metric, best, {}), f"{options.out}/report")
     for picture in pictures(result):
         save(picture.figure, options.out / f"{picture.stem}.png")
     print(f"report: {build(options.out, options.out / 'report')}")

@@ -24,6 +24,11 @@ def figure(
     return f"{number(value, places)} [{number(low, places)}, {number(high, places)}]"
 
 
+def stacked(value: float, low: float, high: float, unit: str) -> str:
+    """Format a figure for a table: `figure`, with its interval on a line of its own."""
+    return figure(value, low, high, unit).replace(" ", "\n", 1)
+
+
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
     """Return the number of decimals with which a figure and its interval [low, high] are printed.
     With an interval there are enough for two significant digits of half its width, but at most

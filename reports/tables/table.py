@@ -1,19 +1,21 @@
 """A table of texts, and the tables of a result: its figures beside the paper's, and its tests."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.metrics import chosen
+from handbench.bench.evaluation.front import figures as front_figures
+from handbench.bench.evaluation.front import front, ranked
+from handbench.bench.evaluation.metrics import METRICS, chosen
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import LEVEL, each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.result_folder import Result, best
-from handbench.reports.tables.rounding import NONE, figure, is_known, number, p_text, paper
+from handbench.reports.tables.rounding import NONE, figure, is_known, number, p_text, paper, stacked
 
 AGAINST = {
     "photogrammetry": "against photogrammetry",
@@ -77,14 +79,15 @@ def figures(
     metrics: Iterable[str],
     reference: str,
     treatment: str = "",
+    methods: Iterable[str] | None = None,
     ratios: bool = False,
 ) -> Table:
-    """Return the figures of all methods: a row for each method, a column for each metric that has
-    figures. Below a figure are its interval and the paper's figure; the methods with the best
-    figure, by a test, are highlighted.
+    """Return the figures of methods (default: all): a row for each method, a column for each metric
+    that has figures. Below a figure are its interval and the paper's figure; the methods with the
+    best figure, by a test, are highlighted.
     treatment: an equal treatment, for which the reference is that of `Result.equal`, or "" for
     methods with their own settings; ratios: whether our figure divided by the paper's is added."""
-    names = list(result.about.method_titles)
+    names = list(result.about.method_titles if methods is None else methods)
     table = result.equal if treatment else result.table
     chosen_lines = table[
         table.treatment == treatment if treatment else table.reference == reference
@@ -101,7 +104,7 @@ def figures(
         highlighted = outstanding(result, metric, first.reference, treatment)
         texts[heading] = [cells.get(name, NONE) for name in names]
         stars[heading] = [name in highlighted for name in names]
-    titles = pd.Index(result.about.method_titles.values(), name="method", dtype=object)
+    titles = pd.Index([result.about.method_titles[name] for name in names], name="method")
     caption = (
         f"Under equal treatment {AGAINST[result.equal.reference.iloc[0]]}"
         if treatment
@@ -114,7 +117,7 @@ def cell(line: Any, ratios: bool = False) -> str:
     """Return a figure, in further lines its interval, the paper's figure and, if asked for, the
     ratio of both. A ratio of percentages near 100 says nothing and is left out.
     line: with value, low, high, unit and, except under equal treatment, paper."""
-    lines = figure(line.value, line.low, line.high, line.unit).split(" ", 1)
+    lines = [stacked(line.value, line.low, line.high, line.unit)]
     if is_known(theirs := getattr(line, "paper", None)):
         lines.append(f"paper {paper(theirs, line.unit)}")
         if ratios and theirs and line.unit != "%":
@@ -138,6 +141,28 @@ def beside(*tables: Table) -> Table:
         pd.concat([getattr(table, part) for table in tables], axis=1) for part in ("texts", "best")
     )
     return replace(tables[0], texts=texts, best=stars)
+
+
+def note(result: Result) -> str:
+    """Return how the figures of a result are formed, and warnings on disturbed times and refined
+    transforms."""
+    refined = result.about.facts.get("refined_transforms", {})
+    warnings = [f"The transform of {name} was {reason}." for name, reason in refined.items()]
+    if busy := result.busy():
+        titles = ", ".join(result.about.method_titles[name] for name in busy)
+        warnings.append(
+            f"The machine was busy: other work took up to {max(busy.values()):.1f} cores while "
+            f"{titles} were timed; their times are too long."
+        )
+    return " ".join(
+        (
+            "Each figure is formed for each capture and then averaged, but for the pooled ones. "
+            "Small print: its 95 % confidence interval, the paper's figure, and the ratio of ours "
+            "to it. Highlighted: the best figure and all that are not shown to be worse (paired "
+            "test on the same captures, 5 % for all pairs together).",
+            *warnings,
+        )
+    )
 
 
 def every_figure(result: Result) -> list[Table]:
@@ -176,6 +201,19 @@ def of_paper(result: Result) -> Table | None:
         row[titles[line.method]] = ours + theirs
     caption = f"Scored {AGAINST[reference]}: ours (the paper's)"
     return Table(caption, pd.DataFrame.from_dict(rows, orient="index").fillna(NONE))
+
+
+def best_of_ours(result: Result, count: int) -> Table | None:
+    """Return the main figures of those methods without figures of the paper that no other method
+    beats in error, time and share seen: at most `count`, the most accurate first. None if there are
+    none."""
+    reference = main_reference(result)
+    lines = result.table[result.table.reference == reference]
+    unbeaten = front(ranked(front_figures(lines)))
+    of_paper = unbeaten.index.isin(lines.method[lines.paper.notna()])
+    names = unbeaten[~of_paper].nsmallest(count, "error").index
+    texts = figures(result, chosen("summary"), reference, methods=names).texts
+    return Table("", texts.rename_axis("our best")) if len(names) else None
 
 
 def differences(result: Result) -> Table:
@@ -220,3 +258,31 @@ def _ahead(line: Any, titles: dict[str, str]) -> str:
         ends = f"[{number(line.low, places)}, {number(line.high, places)}]"
         return f"{titles[line.better]} better by {amount} {ends}"
     return f"no difference shown ({amount})"
+
+
+def settings(metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Table:
+    """Return the ranked settings of methods or of the ground truth: first the front, numbered as in
+    its picture, then the others, each with the number of the one that beats it in brackets.
+    metric: that of the error; titles: name → title (missing: the name itself)."""
+    best_settings = front(lines)
+    numbers = {name: str(i) for i, name in enumerate(best_settings.index, 1)}
+    lines = pd.concat([best_settings, lines[~lines.on_front]])
+    unit = METRICS[metric].unit
+    texts = [
+        {
+            "front": numbers.get(name) or f"({numbers[line.dominated_by]})",
+            f"{METRICS[metric].title} ({unit})": stacked(line.error, line.low, line.high, unit),
+            "observed (%)": figure(line.observed_percent, unit="%"),
+            "time (s)": stacked(line.seconds, line.seconds_low, line.seconds_high, "s"),
+        }
+        for name, line in lines.iterrows()
+    ]
+    index = pd.Index([titles.get(name, name) for name in lines.index], name="setting")
+    caption = f"{METRICS[metric].title} against time; (n): beaten by setting n of the front"
+    return Table(caption, pd.DataFrame(texts, index))
+
+
+def csv_text(result: Result) -> str:
+    """Return the main table of a result as CSV, with the ratio of our figure to the paper's."""
+    ratio = result.table.value / result.table.paper
+    return result.table.assign(ratio=ratio).to_csv(index=False, lineterminator="\n")

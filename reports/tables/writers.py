@@ -10,7 +10,6 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 from rich import box
-from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table as Grid
 from rich.text import Text
@@ -18,8 +17,7 @@ from rich.text import Text
 from handbench.reports.tables.table import Table
 
 ROWS = 20  # that a terminal shows
-GAP = 2  # characters between two columns of a terminal
-TEXT_SHARE = 0.6  # of a terminal's width that titles and columns of text may take
+HEADING = 12  # characters after which the heading of a number is broken there
 PAGE_PT = 495  # width of a LaTeX table on a page
 COLUMN_PT = 252  # and in one of the two columns of IEEEtran
 NUMBER_PT = 44  # width of a column of numbers
@@ -73,11 +71,13 @@ ACCENTS = dict(zip(MARKS, "`'^~=u.\"rHvdc", strict=True))
 def markdown(table: Table) -> str:
     """Return a table as Markdown, with its caption as a heading and small print in italics."""
     numbers = table.texts.shape[1] - table.left
-    lines = [[*map(escaped, table.headings)], ["---"] * (1 + table.left) + ["--:"] * numbers]
+    head = " | ".join(map(escaped, table.headings))
+    lines = [f"| {head} |", "|" + "---|" * (1 + table.left) + "--:|" * numbers]
     for row in table.rows():
-        lines.append([_cell(text, best, escaped, "**%s**", "*%s*", " ") for text, best in row])
+        cells = (_cell(text, best, escaped, "**%s**", "*%s*", " ") for text, best in row)
+        lines.append(f"| {' | '.join(cells)} |")
     heading = f"## {escaped(table.caption)}\n\n" if table.caption else ""
-    return heading + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return heading + "\n".join(lines) + "\n"
 
 
 def escaped(text: str) -> str:
@@ -172,50 +172,43 @@ def terminal(table: Table, rest: str = "") -> None:
     """Print a table on stdout, without small print and never wider than the terminal (80 characters
     in a pipe). Columns that do not fit beside the others follow below; no number is broken.
     rest: where the rows after the first 20 (ROWS) are."""
-    console, texts = Console(highlight=False), 1 + table.left
-    rows = [
-        [Text(text.partition("\n")[0], "bold" * best) for text, best in row] for row in table.rows()
-    ]
-    columns = list(zip(map(Text, table.headings), *rows[:ROWS], strict=True))
-    share = int(TEXT_SHARE * console.width / texts)
-    full = [max(text.cell_len for text in column) for column in columns]
-    least = [
-        min(full[i], share)
-        if i < texts
-        else max(cell_len(word) for word in (*head.plain.split(), *(cell.plain for cell in cells)))
-        for i, (head, *cells) in enumerate(columns)
-    ]
+    console, texts = Console(highlight=False), list(range(1 + table.left))
+    unlimited = console.options.update(width=10_000)
+    parts = [texts]
+    for column in range(len(texts), len(table.headings)):
+        part = [*parts[-1], column]
+        grids = _grid(table, part), _grid(table, part[len(texts) :])
+        wide, of_numbers = (console.measure(grid, options=unlimited).maximum for grid in grids)
+        if wide <= console.width or of_numbers <= console.width / 2 or part == [*texts, column]:
+            parts[-1] = part
+        else:
+            parts.append([*texts, column])
     if table.caption:
         console.print(Text(table.caption))
-    for part in _parts(least, texts, console.width):
-        fits = sum(full[i] + GAP for i in part) - GAP <= console.width
-        grid = Grid(
-            box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, GAP - 1, 0, 0)
-        )
-        for i in part:
-            head = columns[i][0].plain
-            if i < texts:
-                grid.add_column(Text(head))
-            else:
-                head = head if fits else fill(head, least[i])
-                grid.add_column(Text(head), justify="right", no_wrap=True)
-        for cells in zip(*(columns[i][1:] for i in part), strict=True):
-            grid.add_row(*cells)
-        console.print(grid)
-        console.print()
-    if len(rows) > ROWS:
-        console.print(f"… {len(rows) - ROWS} more in {rest}", markup=False)
+    for part in parts:
+        console.print(_grid(table, part), "")
+    if (more := len(table.texts) - ROWS) > 0:
+        console.print(f"… {more} more in {rest}", markup=False)
 
 
-def _parts(widths: list[int], texts: int, width: int) -> list[list[int]]:
-    """Divide the columns of a table into as few parts as fit into a width; each begins with the
-    columns of text. widths: of the columns; texts: how many of them are text."""
-    parts = [list(range(texts))]
-    for column in range(texts, len(widths)):
-        if (
-            len(parts[-1]) > texts
-            and sum(widths[i] + GAP for i in (*parts[-1], column)) - GAP > width
-        ):
-            parts.append(list(range(texts)))
-        parts[-1].append(column)
-    return parts
+def notes(*texts: str) -> None:
+    """Print texts on one line of stdout or, if they do not fit, each on its own."""
+    joined = "; ".join(texts)
+    print(joined if len(joined) <= Console().width else "\n".join(texts))
+
+
+def _grid(table: Table, columns: list[int]) -> Grid:
+    """Return some columns of a table for the terminal; 0 is that of the titles. Text may be broken
+    between words, headings of numbers after about 12 characters (HEADING), numbers nowhere."""
+    grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in columns:
+        heading = table.headings[column]
+        if column <= table.left:
+            grid.add_column(Text(heading), overflow="fold")
+        else:
+            heading = fill(heading, HEADING, break_long_words=False)
+            grid.add_column(Text(heading), justify="right", no_wrap=True)
+    for row in [*table.rows()][:ROWS]:
+        cells = (row[column] for column in columns)
+        grid.add_row(*(Text(text.split("\n")[0], "bold" * best) for text, best in cells))
+    return grid

@@ -57,25 +57,30 @@ def run(*arguments: object):
 
 
 def test_markdown_escapes_and_marks_what_is_better(compared):
-    text = comparison.markdown(compared)
+    text = comparison.text(compared)
     assert "<b>" not in text and "- 3-FSK: A is better than B by 1.0 mm" in text
     titles = re.findall(r"^## (.*)$", text, re.MULTILINE)
-    errors = [
-        f"{name} against {of}"
-        for name in ("MAE (mm)", "MAX of AE (mm)", "completeness at 2 mm (%)")
-        for of in ("photogrammetry", "truth")
-    ]
-    assert titles[:8] == [*errors, "precision (mm)", "time per frame (s)"]
-    maes, *_, times = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)[:8]
-    assert "| 3-FSK | mean of 5 | " in maes and " | A |" in maes
-    for block in (maes, times):  # a row for each method's mean, and for its captures
-        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in block.splitlines()}) == 1
-    assert maes.count("\n") == 2 + 4 * (1 + 5)
-    assert "| B / A |" in times and times.count("\n") == 2 + 4 * (1 + 1)
-    equal = comparison.markdown(
+    assert len(titles) == 3 and "photogrammetry" in titles[0] and "truth" not in titles[0]
+    against_photogrammetry, *_ = re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)
+    lines = against_photogrammetry.splitlines()
+    assert len({len(re.findall(r"(?<!\\)\|", line)) for line in lines}) == 1
+    assert len(lines) == 2 + 4 and against_photogrammetry.count("\\*") == 1
+    equal = comparison.text(
         replace(compared, changes=frame(CHANGES), differences=frame(DIFFERENCES))
     )
-    assert "nothing" in equal
+    assert "No difference" in equal
+
+
+@pytest.mark.parametrize("width", [40, 80])
+def test_the_terminal_shows_both_figures_and_no_more_than_fits(
+    compared, width, monkeypatch, capsys
+):
+    monkeypatch.setenv("COLUMNS", str(width))
+    comparison.show(compared)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(len(line) for line in lines if "/" not in line) <= width
+    row = next(line for line in lines if line.startswith("3-FSK"))
+    assert re.search(r"^3-FSK +([\d.]+)→([\d.]+)\*", row)
 
 
 def test_the_command_writes_four_files(result_folder, other_folder, tmp_path, capsys):
