@@ -15,27 +15,25 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
 
 import matplotlib
+import pandas as pd
 from matplotlib.figure import Figure
 
+from handbench.bench.evaluation.equal_treatment import COMMON
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
-from handbench.bench.evaluation.tables import each
-from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save
-from handbench.reports.tables.blocks import interval
-from handbench.reports.tables.result_tables import escaped, findings, table
-from handbench.reports.tables.rounding import NONE, decimals, is_known, number, paper
+from handbench.reports.tables.rounding import NONE, figure, is_known, number, paper
+from handbench.reports.tables.table import Table, beside, figures, main_pairs
+from handbench.reports.tables.writers import markdown
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = "photogrammetry"
 SPREAD = {"max_mm": "frames_max_deviation_mm"}  # the deviation between frames of a figure
-EQUAL = (("common_percent", "none"), (HEADLINE, "none"), (HEADLINE, "window"))
 METHODS = ("2fsk", "3fsk", "broadband", "narrowband", "nfsk-plus", "joint", "broadband-aligned")
 WITH_INTERVAL = (HEADLINE, "precision_mm")
 FITTED = ("precision_mm", "2fsk")  # the figure to which the benchmark's phase noise was fitted
@@ -47,55 +45,49 @@ NUMBER = re.compile(r"\d+(?:\.(\d+))?")
 def own_table(result: Result) -> str:
     """Return the README's table: the methods with their own settings, next to the paper's
     figures."""
-    lines = []
-    for metric in chosen("readme"):
-        cells = []
-        for method in METHODS:
-            spread = result.row(SPREAD.get(metric, ""), method, REFERENCE)
-            more = f" ± {number(spread.value, 1)}" if spread and is_known(spread.value) else ""
-            cells.append(_cell(result.row(metric, method, REFERENCE)) + more)
-        lines.append((f"{result.title(metric)} ({result.about.metrics[metric].unit})", *cells))
+    titles = [result.about.method_titles.get(method, method) for method in METHODS]
+    rows = {
+        f"{result.title(metric)} ({result.about.metrics[metric].unit})": [
+            _cell(result, metric, method) for method in METHODS
+        ]
+        for metric in chosen("readme")
+    }
     caption = (
         "\nAgainst photogrammetry; each figure is formed for each pose and averaged. In italics "
         "the paper's figure; ± the deviation between frames; in brackets a 95 % interval. "
         "{cores} cores of {processor}, imaged on {imaging_device}.\n"
     )
-    return table(_headings(result), lines) + caption.format(**result.about.machine)
+    texts = pd.DataFrame.from_dict(rows, orient="index", columns=titles)
+    return markdown(Table("", texts)) + caption.format(**result.about.machine)
+
+
+def _cell(result: Result, metric: str, method: str) -> str:
+    """Return a figure, perhaps with its interval or its deviation between frames, and in a further
+    line the paper's."""
+    row = result.row(metric, method, REFERENCE)
+    if row is None or not is_known(row.value):
+        return NONE
+    text = figure(row.value, row.low, row.high, row.unit)
+    if metric not in WITH_INTERVAL or (metric, method) == FITTED:
+        text = text.split(" ")[0]
+    if (metric, method) == FITTED:
+        text += " (fitted)"
+    if spread := result.row(SPREAD.get(metric, ""), method, REFERENCE):
+        text += f" ± {number(spread.value, 1)}"
+    return f"{text}\n{paper(row.paper, row.unit)}" if is_known(row.paper) else text
 
 
 def equal_table(result: Result) -> str:
-    """Return the table of docs/results.md: the methods under equal treatment (same smoothing,
-    common pixels), and its findings."""
-    rows = {(row.metric, row.treatment, row.method): row for row in each(result.equal)}
-    lines = []
-    for metric, treatment in EQUAL:
-        facts = result.about.metrics[metric]
-        how = "" if facts.unit == "%" else f", {TREATMENTS[treatment]}"
-        title = f"{facts.title}{on_common_pixels(metric)}{how} ({facts.unit})"
-        lines.append((title, *(_cell(rows.get((metric, treatment, m))) for m in METHODS)))
-    sentences = "".join(f"- {escaped(sentence)}.\n" for sentence in findings(result))
-    return f"{table(_headings(result), lines)}\n{sentences}"
+    """Return the tables of docs/results.md: the methods under equal treatment (same smoothing,
+    common pixels), and its main pairs."""
+    unsmoothed = figures(result, [COMMON, HEADLINE], "", "none", METHODS)
+    equal = beside(unsmoothed, figures(result, [HEADLINE], "", "window", METHODS)).turned
+    pairs = main_pairs(result)
+    tables = (markdown(replace(table, caption="")) for table in (equal, pairs))
+    return f"\n{pairs.caption}:\n\n".join(tables)
 
 
 PAGES: dict[str, Callable[[Result], str]] = {"README.md": own_table, "docs/results.md": equal_table}
-
-
-def _headings(result: Result) -> tuple[str, ...]:
-    return ("", *(result.about.method_titles.get(method, method) for method in METHODS))
-
-
-def _cell(row: Any) -> str:
-    if row is None or not is_known(row.value):
-        return NONE
-    places = decimals(row.value, row.low, row.high, row.unit)
-    parts = [number(row.value, places)]
-    if (row.metric, row.method) == FITTED:
-        parts.append("(fitted)")
-    elif row.metric in WITH_INTERVAL:
-        parts.append(escaped(interval(row.low, row.high, places)))
-    if is_known(getattr(row, "paper", None)):
-        parts.append(f"*{paper(row.paper, row.unit)}*")
-    return " ".join(filter(None, parts))
 
 
 def write(result: Result, root: Path = ROOT) -> None:
@@ -126,7 +118,7 @@ def differences(result: Result, root: Path = ROOT) -> Iterator[str]:
         _, recorded, _ = BLOCK.split((root / page).read_text("utf-8"))
         lines = zip_longest(recorded.splitlines(), made(result).splitlines(), fillvalue="")
         for old, new in lines:
-            compared = old.startswith(("|", "- ")) and "time per frame" not in old
+            compared = old.startswith("|") and "time per frame" not in old
             if compared and not agree(old, new):
                 yield f"{page}: {old}\n  the result has: {new}"
 

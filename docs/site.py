@@ -16,13 +16,15 @@ import re
 from pathlib import Path
 
 import matplotlib
+import pandas as pd
 from matplotlib.mathtext import math_to_image
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from handbench.bench.evaluation.metrics import METRICS
-from handbench.reports.tables.result_tables import escaped, table
+from handbench.reports.tables.table import Table
+from handbench.reports.tables.writers import markdown as written
 
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
@@ -75,8 +77,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def metrics_table() -> str:
     """Return the table of all metrics: key, unit, direction, definition."""
-    rows = [(f"`{m.key}`", m.unit, m.better, escaped(m.definition)) for m in METRICS.values()]
-    return table(("metric", "unit", "better", "definition"), rows, texts=4)
+    columns = ["unit", "better", "definition"]
+    rows = [[getattr(metric, column) for column in columns] for metric in METRICS.values()]
+    texts = pd.DataFrame(rows, pd.Index(METRICS, name="metric"), columns)
+    return written(Table("", texts, left=3))
 
 
 def fenced(block: str) -> str:

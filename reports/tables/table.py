@@ -104,7 +104,7 @@ def figures(
         highlighted = outstanding(result, metric, first.reference, treatment)
         texts[heading] = [cells.get(name, NONE) for name in names]
         stars[heading] = [name in highlighted for name in names]
-    titles = pd.Index([result.about.method_titles[name] for name in names], name="method")
+    titles = pd.Index([result.about.method_titles.get(name, name) for name in names], name="method")
     caption = (
         f"Under equal treatment {AGAINST[result.equal.reference.iloc[0]]}"
         if treatment
@@ -245,6 +245,8 @@ def main_pairs(result: Result) -> Table:
             row = rows.setdefault(" and ".join(titles[name] for name in pair), {})
             row[TREATMENTS[line.treatment]] = _ahead(line, titles)
     caption = "Main pairs of methods, on the pixels that all see"
+    if rows and treated.p_corrected.isna().all():
+        caption += f" ({treated.n_captures.iloc[0]} captures: too few for a test)"
     texts = pd.DataFrame.from_dict(rows, orient="index").fillna(NONE)
     return Table(caption, texts.rename_axis("methods"), left=len(texts.columns))
 
