@@ -12,23 +12,16 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-import tomlkit
 from pydantic import Field
 
 from handbench.calibration.transforms import umeyama
 from handbench.support.config import Config, Near, load
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_text
 
 SQUARE_M = 0.12  # side of the default target's square
 # how far two distances may differ: detection, the target's making, the photographs' scale
 TOLERANCE_M = 0.002
 MAX_CANDIDATES = 80
-HEADER = """\
-# Calibration target: foam spheres, a steel ball at the centre of each; metres.
-# Seen from the radar, x points to the left, y up and z away. At least three elements, not on a
-# line, without symmetry.
-"""
 
 
 class Element(Config):
@@ -104,11 +97,6 @@ def default_target() -> Target:
 def load_target(path: str | Path) -> Target:
     """Read a target's description from a TOML file. Raises HandbenchError for a malformed file."""
     return load(Target, path, "a calibration target description")
-
-
-def save_target(path: str | Path, target: Target) -> None:
-    """Write a target's description to a TOML file, atomically."""
-    write_text(path, HEADER + tomlkit.dumps(target.model_dump()))
 
 
 def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:

@@ -63,9 +63,9 @@ def test_a_sweep_s_range_profile_has_its_maximum_at_half_the_path(tmp_path):
     assert 300 < x_mm[np.argmax(level_db)] < np.hypot(300, 100)
 
 
-@pytest.mark.parametrize("name", ["capture", "depth.npz", "mesh.ply"])
+@pytest.mark.parametrize("name", ["depth.npz", "mesh.ply"])
 def test_a_surface_turns_on_a_page_that_needs_nothing_else(shown, name, tmp_path):
-    assert main(["show", str(shown / name), "--3d", "-o", str(tmp_path / "page.html")]) == 0
+    assert main(["show", str(shown / name), "-o", str(tmp_path / "page.html")]) == 0
     text = (tmp_path / "page.html").read_text("utf-8")
     scene = json.loads(text.split('id="scene-1">')[1].split("</script>")[0])
     assert scene["references"] == [] and scene["surfaces"][0]["pixels"] > 50

@@ -5,11 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomlkit
 
 from handbench.bench.datasets.native import ECHOES, TARGET, CaptureFile, save_capture_file
 from handbench.bench.stages.calibrate import REGISTRATION, calibrate, calibrate_captures
 from handbench.calibration.registration.register import common_covariance
-from handbench.calibration.spheres.description import default_target, save_target
+from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.radar.data.echoes_file import save_capture
@@ -24,7 +25,7 @@ TARGET_MADE = default_target()
 def target_folder(folder: Path, target=TARGET_MADE) -> Path:
     """A capture folder that has only the target's description."""
     folder.mkdir()
-    save_target(folder / TARGET, target)
+    (folder / TARGET).write_text(tomlkit.dumps(target.model_dump()))
     save_capture_file(folder, CaptureFile(name=folder.name, kind="target"))
     return folder
 

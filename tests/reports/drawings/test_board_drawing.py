@@ -6,6 +6,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from handbench.bench.scenes.stand import stand_board
@@ -18,7 +19,7 @@ from handbench.reports.drawings.sheets import INCH_MM
 from handbench.support.errors import HandbenchError
 
 PIXELS_PER_MM = 8
-BAR_M = 5e-5  # half a pixel is 0.06 mm; sharp edges are found to a fraction of it
+BAR_M = 1e-4  # turned pictures are drawn to whole pixels, 0.125 mm
 
 
 def raster(figure):
@@ -75,15 +76,22 @@ def test_opencv_finds_every_marker_where_the_file_says(board):
     assert np.abs(centred(metres(found)) - centred(wanted)).max() < BAR_M
 
 
+def test_a_board_of_which_y_points_down_is_turned():
+    """With z into the print."""
+    down = Marker(id=3, corners_m=((0, 0, 0), (0.03, 0, 0), (0.03, 0.03, 0), (0, 0.03, 0)))
+    figure = board_sheet(Board(marker=(down,)), "down")
+    _, numbers, _ = detector(Board(marker=(down,)).cv_dictionary()).detectMarkers(raster(figure))
+    assert numbers == [[3]]
+
+
 def test_what_cannot_be_printed_is_refused():
     corners_m = np.array(square(2, (0.1, 0)).corners_m)
     kite = ((0, 0, 0), (0.03, 0, 0), (0.05, -0.03, 0), (0, -0.03, 0))
     for number, other_m, complaint in (
-        (2, corners_m + (0, 0, 0.001), "are not in one plane"),
-        (2, corners_m * (1, -1, 1), "face the same way"),
-        (2, np.array(kite), "sides of 30.00, 30.00, 36.06, 50.00 mm; expected a square"),
+        (2, corners_m + (0, 0, 0.001), "marker 2 is not a square in the plane z = 0"),
+        (2, corners_m * (1, -1, 1), "marker 2 is not a square"),
+        (2, np.array(kite), "marker 2 is not a square"),
         (50, corners_m, "the dictionary 'DICT_4X4_50' has no marker 50; use an id from 0 to 49"),
-        (2, corners_m + (30, 0, 0), "all lengths are in metres"),
     ):
         other = Marker(id=number, corners_m=other_m.tolist())
         with pytest.raises(HandbenchError, match=complaint):
@@ -94,15 +102,18 @@ def draw(*arguments):
     show.run(parser().parse_args(["show", *map(str, arguments)]))
 
 
-def test_descriptions_are_written_and_drawn(tmp_path):
+def test_descriptions_are_written_and_drawn(tmp_path, monkeypatch):
     draw("target", "-o", tmp_path / "target.toml")
     draw("stand", "-o", tmp_path / "board.toml")
     assert load_target(tmp_path / "target.toml") == default_target()
     assert load_board(tmp_path / "board.toml") == stand_board()
+    monkeypatch.setitem(rcParams, "pdf.compression", 0)
     for drawing in ("target.pdf", "board.pdf"):
         draw((tmp_path / drawing).with_suffix(".toml"), "-o", tmp_path / drawing)
-    [page] = re.findall(rb"/MediaBox \[([^]]*)\]", (tmp_path / "board.pdf").read_bytes())
-    assert np.array(page.split(), float) == pytest.approx(np.array([0, 0, 410, 328]) * 72 / INCH_MM)
+    content = (tmp_path / "board.pdf").read_bytes()
+    placed = re.findall(rb"\s([.\d]+)\s0\s0\s-([.\d]+)\s0\s[.\d]+\scm\s/I\d+\sDo", content)
+    assert len(placed) == len(stand_board().marker)
+    assert np.array(placed, float) == pytest.approx(30 * 72 / INCH_MM)  # points: 30 mm
 
 
 @pytest.mark.parametrize("legacy", [False, True])
