@@ -1,14 +1,14 @@
-"""LaTeX: every table compiles, whatever the names; numbers, units and bold figures are what they
-should be."""
+"""LaTeX: every table compiles whatever the names, fits its column, and has the figures of
+table.csv."""
 
 from __future__ import annotations
 
+import csv
 import re
 import shutil
 import subprocess
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from handbench.bench.results.compare_results import compare_results
 from handbench.bench.results.result_folder import Result, load
-from handbench.reports.tables import comparison, latex
-from tests.reports.synthetic_result import compared
+from handbench.reports.tables import comparison, table, writers
+from tests.reports.synthetic_result import ELEVEN, compared, write_synthetic
 
 HOSTILE = (
     "\\input{/etc/passwd}",
@@ -27,103 +27,102 @@ HOSTILE = (
     "手 🖐 é ß Łódź naïve ǽ σ ≤ 5 µm − ½",
     "\x00\x07\u200e\u0301 a\nb\\\\",
 )
+with_latex = pytest.mark.skipif(
+    shutil.which("pdflatex") is None,
+    reason="no LaTeX: no table was compiled (Debian's package: texlive-latex-base)",
+)
 
 
 @pytest.fixture(scope="module")
-def result(result_folder):
-    return load(result_folder)
+def result(tmp_path_factory):
+    """A result of eleven methods, with figures under equal treatment."""
+    folder = tmp_path_factory.mktemp("latex") / "result"
+    return load(write_synthetic(folder, ("B", "F"), ELEVEN, step_m=8e-3, equal=True))
 
 
 def named(result: Result, names: tuple[str, ...]) -> Result:
     """The result with these method titles and benchmark name, and a comparison of every pair of
     neighbours."""
-    methods = [
-        m.model_copy(update={"title": name})
-        for m, name in zip(result.about.methods, names, strict=False)
-    ]
+    titled = zip(result.about.methods, 2 * names, strict=False)
+    methods = tuple(method.model_copy(update={"title": name}) for method, name in titled)
     figures = (1.0, 0.5, 1.5, "mm", 1e-4, 2.0, "truth", 3, "", "")
     lines = [("mae_mm", a.name, b.name, *figures) for a, b in pairwise(methods)]
-    about = result.about.model_copy(update={"methods": tuple(methods), "name": names[-1]})
+    about = result.about.model_copy(update={"methods": methods, "name": names[-1]})
     return compared(replace(result, about=about), lines)
 
 
-def files_read(folder: Path, texts: dict[str, str], paper: bool = False) -> str:
-    """Compile the texts, of a paper in IEEEtran; LaTeX's record of the files that it opened."""
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
-    margins = r"\usepackage[margin=18mm]{geometry}"
-    start = (
-        r"\documentclass[journal]{IEEEtran}"
-        if paper
-        else r"\documentclass[10pt,a4paper]{article}" + margins
-    )
-    inputs = "\n".join(rf"\input{{{name}}}" for name in texts)
-    packages = r"\usepackage{booktabs}\usepackage{siunitx}"
-    whole = f"{start}{packages}\n\\begin{{document}}\n{inputs}\n\\end{{document}}\n"
-    (folder / "document.tex").write_text(whole, encoding="utf-8")
+def tables(result: Result) -> list[table.Table]:
+    of_all = [table.of_paper(result), table.differences(result), table.main_pairs(result)]
+    return [*table.every_figure(result), *of_all]
+
+
+def compiled(folder, texts: list[str]) -> tuple[str, str]:
+    """Compile tables for a paper in two columns of 252 pt: LaTeX's log, and the list of the files
+    that it opened."""
+    ieee = subprocess.run(["kpsewhich", "IEEEtran.cls"], capture_output=True).stdout
+    start = r"\documentclass[twocolumn]{article}\textwidth516pt\columnsep12pt"
+    start = r"\documentclass[journal]{IEEEtran}" if ieee else start
+    body = "\n\\clearpage\n".join(texts)
+    document = f"{start}\n\\begin{{document}}\n{body}\n\\end{{document}}\n"
+    (folder / "paper.tex").write_text(document, encoding="utf-8")
     options = ("-no-shell-escape", "-interaction=nonstopmode", "-halt-on-error", "-recorder")
-    command = ["pdflatex", *options, "document.tex"]
+    command = ["pdflatex", *options, "paper.tex"]
     done = subprocess.run(command, cwd=folder, capture_output=True, timeout=600)
     assert done.returncode == 0, done.stdout.decode("latin-1")[-1500:]
-    return (folder / "document.fls").read_text("utf-8")
+    return (folder / "paper.log").read_text("latin-1"), (folder / "paper.fls").read_text("utf-8")
 
 
-@pytest.mark.skipif(
-    shutil.which("pdflatex") is None, reason="pdflatex is not installed: no table was compiled"
-)
+@with_latex
 def test_every_table_compiles_whatever_the_names(result, tmp_path):
-    """Titles that would read files, end the table or need another font; nine methods make two
-    parts."""
-    if not subprocess.run(["kpsewhich", "siunitx.sty"], capture_output=True).stdout:
-        pytest.skip("LaTeX has no siunitx (Debian: texlive-science): no table was compiled")
+    """Titles that would read files, end the table or need another font."""
     evil = named(result, HOSTILE)
-    many = replace(evil, about=evil.about.model_copy(update={"methods": evil.about.methods * 3}))
-    texts = {
-        "table.tex": latex.latex(many),
-        "comparisons.tex": latex.comparisons(evil),
-        "compare.tex": comparison.tex(compare_results(evil, named(result, HOSTILE[::-1]))),
-    }
-    assert "/etc/passwd" not in files_read(tmp_path, texts)
+    texts = [writers.latex(each) for each in tables(evil)]
+    texts += map(writers.latex, comparison.tables(compare_results(evil, evil)))
+    _, opened = compiled(tmp_path, texts)
+    assert "/etc/passwd" not in opened
 
 
-@pytest.mark.skipif(
-    shutil.which("pdflatex") is None, reason="pdflatex is not installed: no table was compiled"
-)
-def test_the_papers_table_fits_one_column_of_ieeetran(result, tmp_path):
-    """No box is wider than its column of 252 pt, with titles as long as ours and intervals of
-    sixteen characters."""
-    if any(
-        not subprocess.run(["kpsewhich", f], capture_output=True).stdout
-        for f in ("siunitx.sty", "IEEEtran.cls")
-    ):
-        pytest.skip(
-            "LaTeX has no siunitx or IEEEtran (Debian: texlive-science, texlive-publishers)"
-        )
-    titles = ("3-FSK weighted", "broadband sub-voxel", "broadband aligned", "narrowband")
-    long = named(result, titles)
-    lines = long.table.assign(low=-0.4021, high=-0.3411, value=-0.3719).where(
-        long.table.metric == "bias_mm", long.table
-    )
-    many = replace(
-        long, about=long.about.model_copy(update={"methods": long.about.methods * 2}), table=lines
-    )
-    assert latex.column(many).count(r"\begin{table}") == 2
-    files_read(
-        tmp_path, {"column.tex": latex.column(many), "table.tex": latex.latex(many)}, paper=True
-    )
-    assert "Overfull" not in (tmp_path / "document.log").read_text("latin-1")
+@with_latex
+def test_tables_fit_the_page_and_one_column_of_it(result, tmp_path):
+    widths = (writers.PAGE_PT, writers.COLUMN_PT)
+    texts = [writers.latex(each, width) for each in tables(result) for width in widths]
+    log, _ = compiled(tmp_path, texts)
+    assert "Overfull" not in log
+
+
+def cells(line: str) -> list[str]:
+    """The cells of a line of a table in LaTeX, without their small print."""
+    return re.findall(r"\\hspace\{0pt\}(?:\\textbf\{)?(.*?)\}?(?:\\\\.*?)?\\strut", line)
+
+
+def test_the_figures_of_table_csv_are_in_the_latex(result):
+    """Each to half a unit of its last digit."""
+    printed = {}
+    for each in table.every_figure(result):
+        for part in writers.latex(each).split("\\toprule\n")[1:]:
+            head, *rows = map(cells, re.findall(r".* & .*", part))
+            for title, *figures in rows:
+                for method, figure in zip(head[1:], figures, strict=True):
+                    printed[each.caption, title, method] = figure
+    with (result.folder / "table.csv").open(encoding="utf-8") as stream:
+        lines = [line for line in csv.DictReader(stream) if line["value"]]
+    for line in lines:
+        caption = f"Scored {table.AGAINST[line['reference']]}"
+        title = writers.tex(f"{result.title(line['metric'])} ({line['unit']})")
+        figure = printed[caption, title, result.about.method_titles[line["method"]]]
+        half = 0.5 * 10.0 ** -len(figure.partition(".")[2])
+        value = float(figure.replace("$-$", "-"))
+        assert value == pytest.approx(float(line["value"]), abs=half * 1.001)
 
 
 @given(st.text())
 def test_any_text_becomes_plain_ascii_without_commands(text):
-    found = latex.escaped(text)
-    assert found.isascii() and "\n" not in found
-    known = [re.escape(v) for v in (*latex.CHARACTERS.values(),)] + [
-        r"\\[`'^~=u.\"rHvdc]\{[A-Za-z]\}"
-    ]
-    assert not re.search(
-        r"[\\{}&%$#_^~<>|\"\[\]]", re.sub("|".join(sorted(known, key=len, reverse=True)), "", found)
-    )
+    ours = writers.tex(text)
+    assert ours.isascii() and "\n" not in ours
+    known = sorted(map(re.escape, writers.CHARACTERS.values()), key=len, reverse=True)
+    accents = r"\\[`'^~=u.\"rHvdc]\{[A-Za-z]\}"
+    rest = re.sub("|".join((*known, accents)), "", ours)
+    assert not re.search(r"[\\{}&%$#_^~<>|\"\[\]]", rest)
 
 
 @pytest.mark.parametrize(
@@ -136,16 +135,4 @@ def test_any_text_becomes_plain_ascii_without_commands(text):
     ],
 )
 def test_characters_become_commands_or_numbers(text, expected):
-    assert latex.escaped(text) == expected
-
-
-def test_the_table_has_our_figure_its_interval_and_the_papers(result):
-    text = latex.latex(result)
-    row = result.row("mae_mm", "2fsk", "truth")
-    assert rf"{{\scriptsize {{[}}{row.low:.2f}, {row.high:.2f}{{]}}}}" in text
-    assert rf" & {row.value:.2f} & " in text and r"MAE /~\unit{\milli\metre}" in text
-    assert r" & paper & 3.6 & 0.3 & {--} & {--} \\" in text
-    widths = {
-        line.count("&") for line in text.replace(r"\&", "").splitlines() if line.endswith(r"\\")
-    }
-    assert widths == {5} and text.count(r"\midrule") == 2
+    assert writers.tex(text) == expected
