@@ -16,6 +16,7 @@ from markupsafe import Markup
 from PIL import Image as Pixels
 
 from handbench.reports.figures.style import COLUMN, PAGE, Picture
+from handbench.reports.tables import writers
 from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -37,7 +38,7 @@ class Image:
     alt: str
     caption: str = ""
     stem: str = ""
-    kinds: tuple[str, ...] = ("pdf", "png")
+    kinds: tuple[str, ...] = ()
 
 
 def begin(out: Path) -> None:
@@ -49,67 +50,53 @@ def begin(out: Path) -> None:
 
 def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
     """Write pictures into `folder`, and return them as images to embed in a page.
-    The files are STEM.png in high resolution, and STEM.pdf, drawn again for one column of a paper.
-    Each figure is released before the next is drawn.
+    The files are STEM.png in high resolution and, if `paper`, STEM.pdf, drawn again for one column
+    of a paper; the STEM.pdf of an earlier report is removed. Each figure is released before the
+    next is drawn.
 
-    draw: function that makes the pictures. paper: False writes only STEM.png, as wide as in the
-    page, and removes the STEM.pdf of an earlier report.
+    draw: function that makes the pictures.
     """
     written = []
     with matplotlib.rc_context(PAGE):
         for picture in draw():
+            (folder / f"{picture.stem}.pdf").unlink(missing_ok=True)
             with atomic_path(folder / f"{picture.stem}.png") as temporary:
-                fine = matplotlib.rcParams["savefig.dpi"]
-                dpi = fine if paper else min(fine, WIDTH_PX / picture.figure.get_figwidth())
-                picture.figure.savefig(temporary, dpi=dpi)
-                pixels, shown = Pixels.open(temporary), SHOWN * fine / dpi
-                found = image(pixels, picture.alt, picture.caption, picture.stem, shown)
-                written.append(found if paper else replace(found, kinds=("png",)))
-            if not paper:  # a PDF of an earlier report of another result
-                (folder / f"{picture.stem}.pdf").unlink(missing_ok=True)
-    if not paper:
-        return written
+                picture.figure.savefig(temporary)
+                embedded = image(Pixels.open(temporary), picture.alt, picture.caption, SHOWN)
+            kinds = ("pdf", "png") if paper else ("png",)
+            written.append(replace(embedded, stem=picture.stem, kinds=kinds))
     with matplotlib.rc_context(COLUMN):
-        for picture in draw():
+        for picture in draw() if paper else ():
             with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
                 # Without a date the same data give the same bytes.
                 picture.figure.savefig(temporary, metadata={"CreationDate": None})
     return written
 
 
-def image(
-    picture: Pixels.Image, alt: str, caption: str = "", stem: str = "", shown: float = 1.0
-) -> Image:
-    """Return a picture ready to be embedded in a page.
-    alt: text for screen readers; caption, stem: text below the picture, and name of the file in
-    full resolution; shown: CSS pixels for one pixel of the picture."""
-    width = round(shown * picture.width)
-    return Image(
-        _uri(picture), width, round(width * picture.height / picture.width), alt, caption, stem
-    )
-
-
-def film_image(content: bytes, alt: str, caption: str, file: Path) -> Image:
-    """Write a film, the bytes of a GIF, to a file, and return it ready to be embedded in a page."""
-    with atomic_path(file) as temporary:
-        temporary.write_bytes(content)
-    with Pixels.open(io.BytesIO(content)) as first:
-        size = first.size
-    uri = "data:image/gif;base64," + base64.b64encode(content).decode("ascii")
-    return Image(uri, *size, alt, caption, file.stem, ("gif",))
-
-
-def _uri(picture: Pixels.Image) -> str:
-    """Return a picture as a data: URI (WebP), reduced to a width of 1900 pixels (WIDTH_PX) if it is
-    wider."""
+def image(picture: Pixels.Image, alt: str, caption: str = "", shown: float = 1.0) -> Image:
+    """Return a picture ready to be embedded in a page, as WebP of at most 1900 pixels (WIDTH_PX).
+    alt: text for screen readers; caption: text below the picture; shown: CSS pixels for one pixel
+    of the picture."""
     small = picture.convert("RGBA" if picture.has_transparency_data else "RGB")
-    if small.width > WIDTH_PX:
-        small = small.resize(
-            (WIDTH_PX, round(small.height * WIDTH_PX / small.width)), Pixels.Resampling.LANCZOS
-        )
+    small.thumbnail((WIDTH_PX, picture.height), Pixels.Resampling.LANCZOS)
     stream = io.BytesIO()
     small.save(stream, "WEBP", quality=QUALITY, method=2)
-    return "data:image/webp;base64," + base64.b64encode(stream.getvalue()).decode("ascii")
+    width = round(shown * picture.width)
+    height = round(width * picture.height / picture.width)
+    return Image(_uri("webp", stream.getvalue()), width, height, alt, caption)
+
+
+def film_image(content: bytes, text: str, file: Path) -> Image:
+    """Write a film, the bytes of a GIF, to a file, and return it ready to be embedded in a page.
+    text: its caption, also for screen readers."""
+    with atomic_path(file) as temporary:
+        temporary.write_bytes(content)
+    width, height = Pixels.open(io.BytesIO(content)).size
+    return Image(_uri("gif", content), width, height, text, text, file.stem, ("gif",))
+
+
+def _uri(kind: str, content: bytes) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def render(template: str, **facts: Any) -> str:
@@ -123,12 +110,16 @@ def render(template: str, **facts: Any) -> str:
 def _environment() -> jinja2.Environment:
     """Return the jinja2 environment of the page templates, in which the page's style and script and
     their hashes are defined."""
-    loader, strict = jinja2.FileSystemLoader(TEMPLATES), jinja2.StrictUndefined
-    made = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    environment.filters["table"] = writers.html
     for part, name in (("style", "style.css"), ("script", "viewer.js")):
-        text = (TEMPLATES / name).read_text(encoding="utf-8")
-        digest = base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode("ascii")
-        made.globals |= {part: Markup(text), f"{part}_hash": f"sha256-{digest}"}
-    return made
+        text = (TEMPLATES / name).read_bytes()
+        digest = base64.b64encode(hashlib.sha256(text).digest()).decode("ascii")
+        environment.globals |= {part: Markup(text.decode()), f"{part}_hash": f"sha256-{digest}"}
+    return environment

@@ -54,7 +54,8 @@ function compiled() {
 
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const rgb = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
-const PALETTE = {depth: scales.depth.map(rgb), error: scales.error.map(rgb)};
+const NO_REFERENCE = [0.5, 0.5, 0.5];  // the colour with the number 0
+const PALETTE = {depth: scales.depth.map(rgb), error: [NO_REFERENCE, ...scales.error.map(rgb)]};
 
 // Vertices in mm, triangles between neighbours, and the vertices that no triangle holds.
 function mesh(surface) {
@@ -96,19 +97,16 @@ function mesh(surface) {
 }
 
 function colours(surface, place, by, against) {
-  const colour = new Float32Array(place.length), skin = scales.skin,
-        error = surface.errors[against];
-  const steps = error && new Int16Array(bytes(error.steps).buffer), last = scales.error.length - 1;
+  const colour = new Float32Array(place.length), error = surface.errors[against];
+  const numbers = error && bytes(error.colours), last = PALETTE.depth.length - 1;
   const [near, far] = scene.depth_mm;
   for (let i = 0; i < place.length / 3; i++) {
-    let c = skin;
+    let c = scales.skin;
     if (by === "depth") {
       c = PALETTE.depth[
         Math.round(last * Math.min(Math.max((place[3 * i + 2] - near) / (far - near), 0), 1))];
-    } else if (steps) {
-      const mm = steps[i] * scales.error_step_mm,
-            at = scales.error_mm.findIndex(edge => edge >= mm);
-      c = steps[i] === scales.no_error ? [0.5, 0.5, 0.5] : PALETTE.error[at < 0 ? last : at];
+    } else if (numbers) {
+      c = PALETTE.error[numbers[i]];
     }
     colour.set(c, 3 * i);
   }

@@ -21,10 +21,10 @@ def test_several_settings_of_a_method_have_a_section(tmp_path):
     folder = write_synthetic(tmp_path / "r", ("B",), methods, ("truth",), 6e-3, meshes=MESHES)
     result, out = load(folder), tmp_path / "out"
     rendering.begin(out)
-    (image, grid), (_, surfaces) = tradeoff_section.section(result, out / "figures")
+    (image, settings), (_, surfaces) = tradeoff_section.section(result, out / "figures")
     assert image.stem == "front_mae_mm" and (out / "figures" / "front_mae_mm.png").is_file()
-    assert [row[0] for row in grid.rows] == ["3-FSK", "3-FSK, slow"]
-    assert [row[:2] for row in surfaces.rows] == [("5.0-views", "1"), ("8.0-views", "2")]
+    assert settings.texts.index.tolist() == ["3-FSK", "3-FSK, slow"]
+    assert surfaces.texts.iloc[:, 0].to_dict() == {"5.0-views": "1", "8.0-views": "2"}
 
 
 def test_different_methods_alone_have_none(tmp_path):

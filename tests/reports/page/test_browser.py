@@ -33,7 +33,7 @@ PICTURE = rendering.Image(
 FAULTS = """function layoutFaults() {
 const faults = [], boxes = [], page = document.documentElement, wide = page.clientWidth;
 if (page.scrollWidth > wide) faults.push(`the page is ${page.scrollWidth} px wide, not ${wide}`);
-const main = document.querySelector('table.main');
+const main = document.querySelector('.main table');
 if (main && main.scrollWidth > main.parentElement.clientWidth + 1)
   faults.push('the main table scrolls');
 const luminance = c => { const [r, g, b] = c.map(v => (v /= 255) <= .04045 ? v / 12.92
@@ -95,7 +95,7 @@ if (kind === 'print') for (const rule of document.styleSheets[0].cssRules)
 if (kind === 'broken') {
   document.querySelector('h1').style.cssText = 'color: #999; margin-left: -1.5rem';
   document.querySelector('h2').style.marginBottom = '-3rem';
-  document.querySelector('.main').style.width = '3000px';
+  document.querySelector('.main table').style.width = '3000px';
 }
 const view = {};
 if (kind === 'view') {
