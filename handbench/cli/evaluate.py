@@ -58,23 +58,24 @@ def run(options: argparse.Namespace) -> str | None:
     return f"{options.depth}: MAE {mae_mm:.4g} mm, {values['observed_percent']:.3g} % observed"
 
 
-def _table(title: str, values: Values, caption: str | None) -> None:
-    """Print the metrics as a table.
-    values: metric → figure; caption: a note below the table. They have no intervals, because an
-    interval needs several captures."""
-    from rich.box import SIMPLE
-    from rich.table import Table
+def _table(title: str, values: Values, refined: str | None) -> None:
+    """Print the metrics as a table. They have no intervals, because an interval needs several
+    captures.
+    values: metric → figure; refined: a note below the table."""
+    import pandas as pd
 
-    from handbench.bench.evaluation.intervals import note
     from handbench.bench.evaluation.metrics import METRICS
-    from handbench.reports.tables.result_tables import print_table
+    from handbench.reports.tables.rounding import figure
+    from handbench.reports.tables.table import Table
+    from handbench.reports.tables.writers import terminal
 
-    notes = "\n".join(filter(None, (caption, note(1))))
-    heads = ("metric", "value", "unit", "better")
-    table = Table(*heads, title=title, caption=notes, box=SIMPLE, collapse_padding=True)
-    table.columns[1].justify = "right"
-    for key, value in values.items():
-        known = METRICS[key]
-        text = "–" if value is None else f"{value:d}" if isinstance(value, int) else f"{value:.4g}"
-        table.add_row(known.title, text, known.unit, known.better)
-    print_table(table)
+    defined = [METRICS[key] for key in values]
+    texts = {
+        "value": [figure(values[metric.key], unit=metric.unit) for metric in defined],
+        "unit": [metric.unit for metric in defined],
+        "better": [metric.better for metric in defined],
+    }
+    titles = pd.Index([metric.title for metric in defined], name="metric")
+    terminal(Table(title, pd.DataFrame(texts, titles)), "the output of --json")
+    if refined:
+        print(refined)

@@ -62,28 +62,25 @@ def _is_benchmark(path: Path) -> bool:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print a table of physical effects on stdout, with one row for each.
-    The columns are its change of depths (mm), share of pixels lost or gained (%) and level (dB),
-    whether it is on and why, and its computing time in seconds; those without any value are left
-    out."""
-    from handbench.reports.tables.result_tables import print_table, terminal_table
+    """Print physical effects on stdout: a table of those that are on or have a known size, with the
+    change of depths, the share of pixels lost or gained, the level and the computing time, as far
+    as there are any; and a table of the others, which says why they are off."""
+    import pandas as pd
 
-    columns = {
-        "effect": [row.effect for row in rows],
-        "depth mm": [_number(row.depth_mm, 3) for row in rows],
-        "worst mm": [_number(row.worst_mm, 3) for row in rows],
-        "pixel %": [_number(row.pixels_percent, 1) for row in rows],
-        "level dB": [_number(row.level_db, 1) for row in rows],
-        "on": ["on" if row.on else "–" for row in rows],
-        "time s": [_number(row.seconds, 2) for row in rows],
-        "why": [row.why for row in rows],
+    from handbench.reports.tables.rounding import NONE, figure
+    from handbench.reports.tables.table import Table
+    from handbench.reports.tables.writers import terminal
+
+    table = pd.DataFrame([row.model_dump() for row in rows]).set_index("effect")
+    sizes = {
+        "depth (mm)": table.depth_mm.map(lambda mm: figure(mm, unit="mm")),
+        "worst (mm)": table.worst_mm.map(lambda mm: figure(mm, unit="mm")),
+        "pixels (%)": table.pixels_percent.map(lambda percent: figure(percent, unit="%")),
+        "level (dB)": table.level_db.map(figure),
+        "time (s)": table.seconds.map(figure),
     }
-    shown = {heading: cells for heading, cells in columns.items() if any(cells)}
-    lines = list(zip(*shown.values(), strict=True))
-    table = terminal_table("", tuple(shown), lines, texts=("effect", "on", "why"))
-    table.collapse_padding = True
-    print_table(table, piped=80)
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
+    texts = pd.DataFrame(sizes).pipe(lambda cells: cells.loc[:, (cells != NONE).any()])
+    texts.insert(0, "", table.on.map({True: "on", False: NONE}))
+    shown = (texts != NONE).any(axis=1)
+    terminal(Table("", texts[shown], left=1))
+    terminal(Table("", table.loc[~shown, ["why"]], left=1))
