@@ -27,7 +27,9 @@ folder = "nowhere"
 def folder(tmp_path_factory):
     """A folder with results, and a benchmark that has many problems."""
     folder = tmp_path_factory.mktemp("eighty")
-    results = RESULTS | {"settings": {"methods": SETTINGS, "paper": False}}
+    results = RESULTS | {
+        "settings": {"methods": SETTINGS, "references": ("truth",), "paper": False}
+    }
     for name in ("table", "strangers", "settings"):
         write_synthetic(folder / name, **results[name] | {"captures": ("B",), "step_m": 8e-3})
     (folder / "misspelt.toml").write_text(MISSPELT)
