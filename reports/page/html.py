@@ -14,12 +14,22 @@ from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures import plots
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film
+from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
 from handbench.reports.figures.layers import SIGNED
 from handbench.reports.figures.style import methods
-from handbench.reports.page import rendering, scene3d, sections, summary, tradeoff_section
+from handbench.reports.page import rendering, scene3d, sections, summary
 from handbench.reports.page.rendering import Image, render
-from handbench.reports.tables import latex, result_tables
-from handbench.reports.tables.table import Table, differences, every_figure, main_pairs, note
+from handbench.reports.tables.table import (
+    Table,
+    csv_text,
+    differences,
+    every_figure,
+    main_pairs,
+    note,
+    of_paper,
+    settings,
+)
+from handbench.reports.tables.writers import COLUMN_PT, latex, markdown
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.parallel import script_left_out, workers
@@ -64,17 +74,14 @@ def build(folder: str | Path, out: str | Path) -> Path:
             "choose another folder"
         )
     rendering.begin(out)
-    texts = {
-        "table.md": result_tables.markdown(result),
-        "table.tex": latex.latex(result),
-        "column.tex": latex.column(result),
-        "table.csv": result_tables.csv_text(result),
-        "comparisons.md": result_tables.comparisons_markdown(result),
-        "comparisons.tex": latex.comparisons(result),
-    }
-    for name, text in texts.items():
-        if text:
-            write_text(out / name, text)
+    main, every = summary.main_table(result), every_figure(result)
+    tests = [] if result.comparisons.empty else [main_pairs(result), differences(result)]
+    for stem, tables in (("table", every), ("comparisons", tests)):
+        if tables:
+            write_text(out / f"{stem}.md", "\n".join(map(markdown, tables)))
+            write_text(out / f"{stem}.tex", "\n".join(map(latex, tables)))
+    write_text(out / "column.tex", latex(of_paper(result) or main, COLUMN_PT))
+    write_text(out / "table.csv", csv_text(result))
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     pages, captures = by_page(result.scored()), _drawn(result, out / "figures")
@@ -84,7 +91,6 @@ def build(folder: str | Path, out: str | Path) -> Path:
     for path in list(pages)[1:]:
         group = list(islice(captures, len(pages[path])))
         write_text(out / path, render("captures.html", path=path, captures=group, **shared))
-    compared = len(result.comparisons)
     write_text(
         out / FIRST,
         render(
@@ -92,17 +98,28 @@ def build(folder: str | Path, out: str | Path) -> Path:
             path=FIRST,
             captures=first,
             leads=summary.leads(result),
-            main=summary.main_table(result),
+            main=main,
             note=note(result),
-            every_figure=every_figure(result),
+            every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
-            tradeoff=tradeoff_section.section(result, out / "figures"),
-            tests=[main_pairs(result), differences(result)] if compared else [],
+            tradeoff=tradeoff(result, out / "figures"),
+            tests=tests,
             details=sections.details(result),
             **shared,
         ),
     )
     return out / FIRST
+
+
+def tradeoff(result: Result, folder: Path) -> list[tuple[Image, Table]]:
+    """Draw accuracy against time into `folder`. Returns a picture and a table of the settings for
+    each error (of depth maps, of reconstructed surfaces); nothing for a result without several
+    settings."""
+    if not is_swept(result):
+        return []
+    titles = result.about.method_titles
+    tables = [settings(*item, titles) for item in ranked_methods(result).items()]
+    return list(zip(rendering.images(lambda: pictures(result), folder), tables, strict=True))
 
 
 def by_page(captures: Sequence[CaptureFacts]) -> dict[str, Sequence[CaptureFacts]]:

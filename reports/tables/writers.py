@@ -21,7 +21,7 @@ HEADING = 12  # characters after which the heading of a number is broken there
 PAGE_PT = 495  # width of a LaTeX table on a page
 COLUMN_PT = 252  # and in one of the two columns of IEEEtran
 NUMBER_PT = 44  # width of a column of numbers
-TEXT_PT = 60  # least width of a column of text
+TEXT_PT = 56  # least width of a column of text
 GAP_PT = 4  # between two columns
 HTML = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string("""\
 <div class="scroll" role="region" aria-label="{{ table.caption }}" tabindex="0">

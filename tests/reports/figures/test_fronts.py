@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from handbench.bench.results.result_folder import load
 from handbench.reports.figures import fronts
-from handbench.reports.page import rendering, tradeoff_section
+from handbench.reports.page import html, rendering
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 MESHES = {
@@ -21,7 +21,7 @@ def test_several_settings_of_a_method_have_a_section(tmp_path):
     folder = write_synthetic(tmp_path / "r", ("B",), methods, ("truth",), 6e-3, meshes=MESHES)
     result, out = load(folder), tmp_path / "out"
     rendering.begin(out)
-    (image, settings), (_, surfaces) = tradeoff_section.section(result, out / "figures")
+    (image, settings), (_, surfaces) = html.tradeoff(result, out / "figures")
     assert image.stem == "front_mae_mm" and (out / "figures" / "front_mae_mm.png").is_file()
     assert settings.texts.index.tolist() == ["3-FSK", "3-FSK, slow"]
     assert surfaces.texts.iloc[:, 0].to_dict() == {"5.0-views": "1", "8.0-views": "2"}
@@ -29,7 +29,7 @@ def test_several_settings_of_a_method_have_a_section(tmp_path):
 
 def test_different_methods_alone_have_none(tmp_path):
     folder = write_synthetic(tmp_path / "r", ("B",), METHODS, ("truth",), 6e-3)
-    assert tradeoff_section.section(load(folder), tmp_path) == []
+    assert html.tradeoff(load(folder), tmp_path) == []
 
 
 def test_points_that_lie_together_share_a_label():

@@ -9,11 +9,13 @@ from dataclasses import replace
 
 import pytest
 
+from handbench.bench.evaluation.metrics import chosen
 from handbench.bench.results.result_folder import Result, load
-from handbench.reports.tables import blocks as parts
-from handbench.reports.tables import latex
-from handbench.reports.tables import result_tables as tables
-from tests.reports.synthetic_result import compared
+from handbench.cli.run import show
+from handbench.reports.tables import table as tables
+from handbench.reports.tables.rounding import figure
+from handbench.reports.tables.writers import html, latex, markdown
+from tests.reports.synthetic_result import compared, write_synthetic
 
 EVIL = '<b>50%_of$x & {y} \\ #^~|[z]"</b>'
 
@@ -30,28 +32,29 @@ def evil(result):
     return replace(result, about=result.about.model_copy(update={"methods": methods, "name": EVIL}))
 
 
-def cells(block: parts.Block, metric: str, source: str) -> tuple[str, ...]:
-    (line,) = (line for line in block.lines if (line.metric, line.source) == (metric, source))
-    return line.cells
+def test_every_reference_has_a_table_with_the_papers_figures_and_the_floor(result):
+    every = tables.every_figure(result)
+    assert [table.caption for table in every] == [
+        f"Scored {tables.AGAINST[reference]}" for reference in ("photogrammetry", "truth")
+    ]
+    for table, floor in zip(every, ("0.13", "0"), strict=True):
+        texts = table.texts
+        assert texts.index[:2].tolist() == ["MAE (mm)", "ground-truth floor (mm)"]
+        for title, paper in (("MAE (mm)", ("6.6", "1.7", "1.0", "13.4")),):
+            lines = [cell.split("\n") for cell in texts.loc[title]]
+            assert tuple(line[2] for line in lines) == tuple(f"paper {of}" for of in paper)
+            ratios = [float(line[0]) / float(of) for line, of in zip(lines, paper, strict=True)]
+            assert [line[3] for line in lines] == [f"ratio {ratio:.2f}" for ratio in ratios]
+        assert set(texts.loc["ground-truth floor (mm)"]) == {floor}
 
 
-def test_two_blocks_with_the_papers_figures_and_the_floor_directly_under_the_mae(result):
-    blocks = parts.blocks(result)
-    assert [block.reference for block in blocks] == ["photogrammetry", "truth"]
-    for block in blocks:
-        assert block.methods == ("2-FSK", "3-FSK", "Broadband", "Narrowband")
-        assert cells(block, "mae_mm", "paper") == ("6.6", "1.7", "1.0", "13.4")
-        assert cells(block, "precision_mm", "paper") == ("3.6", "0.3", "–", "–")
-        lines = [(line.metric, line.source) for line in block.lines[:4]]
-        assert lines == [
-            ("mae_mm", "ours"),
-            ("mae_mm", "paper"),
-            ("mae_mm", "ours / paper"),
-            ("floor_mm", "ours"),
-        ]
-        assert block.lines[3].title == "ground-truth floor (mm)"
-    photogrammetry, truth = (cells(block, "floor_mm", "ours") for block in blocks)
-    assert set(photogrammetry) == {"0.13"} and set(truth) == {"0"}
+def test_the_papers_table_has_its_metrics_and_methods_only(result):
+    texts = tables.of_paper(result).texts
+    assert texts.index.tolist() == ["MAE (mm)", "MAX of AE (mm)", "precision (mm)"]
+    assert texts.columns.tolist() == ["2-FSK", "3-FSK", "Broadband", "Narrowband"]
+    assert texts.loc["MAE (mm)"].str.endswith((" (6.6)", " (1.7)", " (1.0)", " (13.4)")).all()
+    without = replace(result, table=result.table.assign(paper=float("nan")))
+    assert tables.of_paper(without) is None
 
 
 def judged(result: Result, p: float) -> Result:
@@ -65,55 +68,73 @@ def judged(result: Result, p: float) -> Result:
     return compared(result, lines)
 
 
-def test_only_what_a_test_stands_behind_stands_out(result):
+def test_only_what_a_test_stands_behind_is_highlighted(result):
     tested = judged(result, 1e-4)
-    found = {
-        (block.reference, line.metric): line.best
-        for block in parts.blocks(tested)
-        for line in block.lines
-        if any(line.best)
-    }
-    assert found == {("truth", "mae_mm"): (False, True, True, False)}
-    text, tex = tables.markdown(tested), latex.latex(tested)
-    assert text.count("**") == 4 and "not shown to be worse" in text
-    values = [result.row("mae_mm", method, "truth").value for method in ("3fsk", "broadband")]
-    bold = [float(v) for v in re.findall(r"\\bfseries ([\d.]+)", tex)]
-    assert bold == pytest.approx(values, abs=0.006)
-    for other in (result, judged(result, 0.2)):
-        assert "**" not in tables.markdown(other) and "Bold" not in tables.markdown(other)
-        assert r"\bfseries" not in latex.latex(other)
-    text = tables.comparisons_markdown(tested)
-    assert "| &lt;b&gt; 2fsk \\| | truth | < 0.001 | 2.00 | 3 |" in text and "| 0.30 |" in text
+    table = tables.figures(tested, chosen("main"), "truth")
+    assert table.best["MAE (mm)"].tolist() == [False, True, True, False]
+    assert table.best.to_numpy().sum() == 2
+    marks = {markdown: r"\*\*", latex: r"\\textbf", html: "★"}
+    for writer, mark in marks.items():
+        assert len(re.findall(mark, writer(table))) == (4 if writer is markdown else 2)
+        others = tables.figures(judged(result, 0.2), chosen("main"), "truth")
+        assert not re.search(mark, writer(others))
+    text = markdown(tables.differences(tested))
+    assert "| &lt;b&gt; 2fsk \\| | truth | &lt; 0.001 | 2.00 | 3 |" in text and "| 0.30 |" in text
 
 
-def test_markdown_is_a_table_and_escapes(result, evil):
-    text, escaped = tables.markdown(result), tables.markdown(evil)
-    assert "| MAE (mm) | ours |" in text and "| paper | 6.6 | 1.7 | 1.0 | 13.4 |" in text
-    lines = [line for line in escaped.splitlines() if line.startswith("|")]
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {7}
-    assert "<b>" not in escaped
+def line(better: str, worse: str, treatment: str, p: float | None) -> tuple:
+    ends = (None, None) if p is None else (0.11, 0.29)
+    return "mae_mm", better, worse, 0.2, *ends, "mm", p, 1.0, "photogrammetry", 2, "", treatment
 
 
-def test_csv_carries_ratio_and_time(result):
+def test_a_pair_is_compared_under_equal_treatment_only(tmp_path):
+    result = load(write_synthetic(tmp_path / "r", captures=("B", "F"), equal=True))
+    lines = [
+        line("broadband", "3fsk", "none", 0.4),
+        line("3fsk", "broadband", "window", 0.001),
+        line("3fsk", "broadband", "", 0.001),  # each as it is: says nothing of better
+    ]
+    texts = tables.main_pairs(compared(result, lines)).texts
+    assert texts.index.tolist() == ["3-FSK and Broadband"]
+    assert [*texts.iloc[0]] == [
+        "no difference shown (0.20 mm)",
+        "3-FSK better by 0.20 mm [0.11, 0.29]",
+    ]
+    assert tables.main_pairs(compared(result, lines[-1:])).texts.empty
+    untested = tables.main_pairs(compared(result, [line("3fsk", "broadband", "none", None)]))
+    assert "too few" in untested.caption
+    equal = tables.every_figure(result)[1]
+    assert "MAE on common pixels, unsmoothed (mm)" in equal.texts.index
+
+
+def test_markdown_and_html_escape(evil):
+    for table in tables.every_figure(evil):
+        lines = [line for line in markdown(table).splitlines() if line.startswith("|")]
+        assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
+        assert "<b>" not in markdown(table) and "<b>50" not in html(table)
+
+
+def test_csv_has_the_ratio(result):
     lines = list(csv.DictReader(io.StringIO(tables.csv_text(result))))
-    assert len(lines) == len(result.table) and all(line["seconds"] for line in lines)
+    assert len(lines) == len(result.table)
     [line] = (
         line
         for line in lines
         if (line["metric"], line["method"], line["reference"]) == ("mae_mm", "3fsk", "truth")
     )
     assert float(line["ratio"]) == pytest.approx(float(line["value"]) / 1.7)
-    assert float(line["seconds"]) == result.row("seconds", "3fsk", "truth").value
 
 
-def test_terminal_table_prints_names_as_they_are(evil, monkeypatch, capsys):
-    """rich would read [z] as markup; every headline metric and both blocks are there."""
-    monkeypatch.delenv("COLUMNS", raising=False)  # pytest-xdist sets it
-    tables.show(evil)
-    text = capsys.readouterr().out
-    assert "[z]" in text and text.count("MAE (mm)") == 2 and text.count("time per frame (s)") == 2
-    assert text.count("ground-truth floor (mm)") == 2
-    assert "RMSE" not in text
+def test_a_run_ends_with_the_papers_table_and_ours(tmp_path, monkeypatch, capsys):
+    """rich would read [z] as markup."""
+    monkeypatch.setenv("COLUMNS", "80")
+    methods = {"3fsk": ("3-FSK", 1.5, 0.2), "joint": ("joint [z]", 0.5, 0.4)}
+    result = load(write_synthetic(tmp_path / "r", ("B",), methods, step_m=6e-3))
+    show(result, tmp_path)
+    paper, ours, end = capsys.readouterr().out.split("\n\n")
+    assert "joint" not in paper and "(1.7)" in paper
+    assert "joint [z]" in ours and "3-FSK" not in ours
+    assert "ground-truth floor 0.13 mm; observed" in end and "table.csv" in end
 
 
 @pytest.mark.parametrize(
@@ -131,4 +152,4 @@ def test_terminal_table_prints_names_as_they_are(evil, monkeypatch, capsys):
 )
 def test_figures_have_two_digits_or_those_that_their_interval_is_worth(value, half, unit, text):
     ends = (None, None) if half is None else (value - half, value + half)
-    assert parts.figure(value, *ends, unit) == text
+    assert figure(value, *ends, unit) == text
