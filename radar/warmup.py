@@ -11,7 +11,8 @@ from handbench.support.compiled import announce_compilation
 
 
 def announce() -> None:
-    """Say that the kernels of imaging are compiled now, if numba has not cached them."""
+    """Say once per command that the kernels of imaging are compiled now, if numba has not cached
+    them."""
     announce_compilation(gather, scatter)
 
 

@@ -31,8 +31,8 @@ Read = Callable[[str], np.ndarray]  # from a name to its array
 
 @dataclass(frozen=True)
 class MappedCapture(NativeCapture):
-    """A folder with a `mapping.toml`; mesh, photographs and transform are as in a capture
-    folder."""
+    """Files of another program that a mapping.toml describes. Mesh, photographs and transform are
+    as in a capture folder."""
 
     @staticmethod
     def fits(folder: Path) -> bool:

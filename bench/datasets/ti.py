@@ -82,11 +82,11 @@ class ChirpProfile(Config):
 
 
 def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
-    """Convert the .bin files in a folder, in the order of the numbers in their names, to a capture
-    folder.
+    """Convert the raw files of a TI radar to a capture folder.
 
-    settings: fields of `ChirpProfile` that replace those in the folder's .cfg. Raises
-    HandbenchError if the files do not agree with the profile.
+    They are the folder's .bin files, in the order of the numbers in their names. settings: fields
+    of `ChirpProfile` that replace those in the folder's .cfg. Raises HandbenchError if the files do
+    not agree with the profile.
     """
     from handbench.radar.methods.advice import default_config
 

@@ -34,9 +34,9 @@ class TouchstoneSettings(Config):
 
 
 def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
-    """Convert the Touchstone files that SOURCE/positions.csv lists, with the positions of
-    transmitter and receiver for each, to a capture folder.
+    """Convert Touchstone files to a capture folder.
 
+    SOURCE/positions.csv lists the files, with the positions of transmitter and receiver for each.
     The capture is the scan of one transceiver if transmitter and receiver always have the same
     position, else a list of pairs of antennas. settings: fields of `TouchstoneSettings`. Raises
     HandbenchError for files of another format, or with different frequencies.

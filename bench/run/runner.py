@@ -40,6 +40,7 @@ from handbench.groundtruth.mesh_stage import MESH
 from handbench.groundtruth.options import Quality
 from handbench.radar.imaging.device import current_device
 from handbench.radar.methods.registry import method_key
+from handbench.radar.warmup import announce
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.folder import locked
@@ -70,6 +71,7 @@ def run(
     read_sources()
     with locked(folder) as work, executor(scheduler) as elsewhere, counted(sum(plan)) as progress:
         _require_same(folder, config, overwrite)
+        announce()  # the processes say nothing
         engine = Engine(work.resolve(), elsewhere, progress, plan)
         captures = open_captures(engine, bench, base)
         targets = open_targets(engine, bench, base)

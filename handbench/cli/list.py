@@ -1,77 +1,108 @@
-"""`handbench list`: print methods with their defaults and sources, metrics, benchmarks, effects,
-data sets and poses."""
+"""`handbench list`: one line for each method, metric, benchmark, effect, data set and pose, or one
+of them in full."""
 
 import argparse
-import json
+import textwrap
 from collections.abc import Iterator
+from shutil import get_terminal_size
+from typing import Any, NamedTuple
 
+from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
+from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
+from handbench.bench.evaluation.metrics import METRICS, definitions
+from handbench.bench.scenes.hand_pose import POSES
+from handbench.radar.methods.registry import Method, methods, with_version
+from handbench.radar.simulation.known_effects import DECLARED
+from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 
-SECTIONS = {  # as commands.toml names them → title
-    "methods": "methods",
-    "plugins": "plug-ins",
-    "metrics": "metrics",
-    "benchmarks": "embedded benchmarks",
-    "effects": "effects of simulated echoes",
-    "datasets": "data sets",
-    "poses": "poses",
-}
+SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
+TERM = 24  # characters before the meaning of a term, which follows a longer one
+GIGA = 1e9
+
+
+class Entry(NamedTuple):
+    """One thing in a list. note: printed at the end of its line; details: term → meaning, printed
+    for the entry in full."""
+
+    name: str
+    summary: str
+    note: str = ""
+    details: dict[str, str] = {}  # noqa: RUF012  never changed
 
 
 def run(options: argparse.Namespace) -> None:
-    """Print all methods, metrics, benchmarks, effects, data sets and poses, or one of these
-    sections.
-    With a filter, only entries are printed whose name or first line contains this text."""
-    wanted = (options.filter or "").casefold()
-    printed = False
+    """Print a line for each entry of all sections or of one, or one entry in full. Raises
+    HandbenchError for an entry that the section does not have."""
     for section in [options.section] if options.section else SECTIONS:
-        found = [entry for entry in _entries(section) if wanted in entry[0].casefold()]
-        printed = printed or bool(found)
-        if found:
-            print(SECTIONS[section], *(f"  {line}" for entry in found for line in entry), sep="\n")
-    if wanted and not printed:
-        raise HandbenchError(
-            f"list: no name and no description contains '{options.filter}'; use another word, or "
-            "`handbench list` for all"
-        )
+        entries = {entry.name: entry for entry in _entries(section)}
+        if options.name is None:
+            _print_lines(section, list(entries.values()))
+        elif options.name in entries:
+            _print_in_full(entries[options.name])
+        else:
+            known = suggest(options.name, list(entries))
+            raise HandbenchError(f"list {section}: has no '{options.name}'; {known}")
 
 
-def _entries(section: str) -> Iterator[list[str]]:
-    """Yield the entries of one section of `handbench list`, each as a list of the lines to print.
-    section: a key of SECTIONS."""
-    from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
-    from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS, KNOWN
-    from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.scenes.hand_pose import POSES
-    from handbench.radar.methods.registry import BROKEN, methods, with_version
-    from handbench.radar.simulation.known_effects import DECLARED
+def _print_lines(section: str, entries: list[Entry]) -> None:
+    """Print a section with one line for each entry, cut to the width of the terminal."""
+    name, summary, note = (
+        max(map(len, texts)) for texts in zip(*(e[:3] for e in entries), strict=True)
+    )
+    room = min(summary, get_terminal_size().columns - name - note - 6)
+    print(section)
+    for entry in entries:
+        text = textwrap.shorten(entry.summary, room, placeholder="…")
+        print(f"  {entry.name:<{name}}  {text:<{room}}  {entry.note}".rstrip())
 
-    known = methods()  # which loads the plug-ins, too
-    plugged = [method for method in known if method.distribution is not None]
-    if section in ("methods", "plugins"):
-        for method in known if section == "methods" else plugged:
-            about = [f"source: {method.source}"]
-            if method.distribution is not None:
-                about.append(f"plug-in: {with_version(method.distribution)}")
-            defaults = method.config().model_dump(mode="json") if section == "methods" else {}
-            about += [f"{key} = {json.dumps(value)}" for key, value in defaults.items()]
-            yield [f"{method.id:<18} {method.summary}", *(f"{'':<18} {line}" for line in about)]
-        if section == "plugins":
-            yield from ([f"{name}: {reason} (not loaded)"] for name, reason in BROKEN.items())
-            if not (plugged or BROKEN):
-                yield ["none is installed"]
+
+def _print_in_full(entry: Entry) -> None:
+    print(f"{entry.name}: {entry.summary}")
+    columns, after = get_terminal_size().columns, " " * (TERM + 4)
+    for term, meaning in entry.details.items():
+        line = f"  {term:<{TERM}}  {meaning}"
+        print(textwrap.fill(line, columns, subsequent_indent=after, break_on_hyphens=False))
+
+
+def _entries(section: str) -> Iterator[Entry]:
+    if section == "methods":
+        yield from map(_method, methods())
+    elif section == "metrics":
+        for key, definition in definitions().items():
+            yield Entry(key, METRICS[key].title, METRICS[key].unit, {"definition": definition})
+    elif section == "benchmarks":
+        for name, file in embedded_benchmarks().items():
+            yield Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "))
     elif section == "effects":
-        for name, facts in DECLARED.items():
-            yield [f"{name:<18} {facts['does']}", f"{'':<18} source: {facts['source']}"]
+        for name, effect in DECLARED.items():
+            yield Entry(name, effect["does"], details={"source": effect["source"]})
+    elif section == "datasets":
+        for name, reader in (FOREIGN | IMPORTERS).items():
+            summary = " ".join((reader.__doc__ or "").split()).partition(". ")[0]
+            yield Entry(name, summary, "to import" if name in IMPORTERS else "")
     else:
-        imported = ", ".join((*FOREIGN, *IMPORTERS))
-        lines = {
-            "metrics": [f"{key:<28} {definition}" for key, definition in definitions().items()],
-            "benchmarks": embedded_benchmarks(),
-            "datasets": [
-                f"read from their own folders: {KNOWN}",
-                f"by `handbench import`: {imported}",
-            ],
-            "poses": [", ".join(POSES)],
-        }
-        yield from ([line] for line in lines[section])
+        yield Entry("letters", " ".join(POSES))
+
+
+def _method(method: Method) -> Entry:
+    """Return the entry of a method, whose details are its parameters with their defaults."""
+    details = {"source": method.source}
+    if method.distribution is not None:
+        details["plug-in"] = with_version(method.distribution)
+    for key, value in method.config().model_dump().items():
+        meaning = method.config.model_fields[key].description or ""
+        details[f"{key} = {_toml(value)}"] = meaning
+    note = method.distribution or method.source.split()[0]
+    return Entry(method.id, method.summary, note, details)
+
+
+def _toml(value: Any) -> str:
+    """Return a parameter's value as one writes it in a benchmark file, with tones as 82e9."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(part)}' for key, part in value.items())} }}"
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return f"{value / GIGA:g}e9" if value >= GIGA else f"{value:g}"
+    return str(value).lower()

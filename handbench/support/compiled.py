@@ -7,7 +7,8 @@ processors slowed down at full width. handbench's loops are 1.05 to 1.4 times as
 """
 
 from collections.abc import Callable, Iterable
-from functools import partial
+from functools import cache, partial
+from multiprocessing import parent_process
 from typing import Any
 
 import numba
@@ -57,9 +58,15 @@ def outer(kernel: Any) -> Any:
 
 
 def announce_compilation(*kernels: Any) -> None:
-    """Say that kernels (loops compiled by numba) are compiled now, if numba's cache lacks them."""
-    if not _cached(kernels):
-        say("compiling the kernels (once on this machine, then cached) ...")
+    """Say once per command, if numba's cache lacks kernels (loops compiled by numba), that they are
+    compiled now. Processes that a command starts say nothing."""
+    if parent_process() is None and not _cached(kernels):
+        _announce()
+
+
+@cache
+def _announce() -> None:
+    say("compiling numerical code for this processor, once: about a minute ...")
 
 
 def _cached(kernels: Iterable[Any]) -> bool:

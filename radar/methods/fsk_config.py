@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator
 from handbench.radar.data.grid import MOST_ON_AXIS, Axis, GridConfig, PixelGrid
 from handbench.support.config import Tone
 
+Lateral = Annotated[Axis, Field(description="pixels")]
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
 SETTLING = 5  # corrections after which z_e has converged, if it converges
 SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
@@ -36,8 +37,8 @@ FirstDepth = Annotated[float, Field(gt=0, le=100)]
 class PixelsConfig(GridConfig):
     """The pixels of a depth map."""
 
-    x: Axis = PAPER_LATERAL
-    y: Axis = PAPER_LATERAL
+    x: Lateral = PAPER_LATERAL
+    y: Lateral = PAPER_LATERAL
 
     def grid(self) -> PixelGrid:
         """Return the configured pixels as a grid."""
@@ -58,22 +59,19 @@ class FskConfig(PixelsConfig):
         default=1, ge=1, le=1000, description="times that z_e is corrected, at most (paper: once)"
     )
     settled_m: float = Field(
-        default=0.005,
-        gt=0,
-        le=1,
-        description="z_e is corrected again while it moves by more than this",
+        default=0.005, gt=0, le=1, description="z_e is corrected while it moves by more than this"
     )
     off_axis: bool = Field(
         default=False, description="use the path's true derivative along z instead of 2"
     )
     doppler: bool = Field(
-        default=False, description="a tone measured twice gives velocities; their phase is removed"
+        default=False, description="a repeated tone gives velocities and corrects depths"
     )
     tolerance: float | None = Field(
         default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact"
     )
     spread_px: OddPixels = Field(
-        default=9, description="window of the predicted error, pixels: two resolution cells"
+        default=9, description="window of the predicted error: two resolution cells"
     )
 
 
@@ -81,22 +79,19 @@ class AgreementConfig(GridConfig):
     """Parameters of methods that find the depth at which the phases of several tones agree: which
     depths are kept, and how they are averaged."""
 
-    x: Axis = PAPER_LATERAL
-    y: Axis = PAPER_LATERAL
+    x: Lateral = PAPER_LATERAL
+    y: Lateral = PAPER_LATERAL
     fine_filter_px: OddPixels = Field(
         default=5, description="filter of the result, weighted with power, pixels"
     )
     spread_px: OddPixels = Field(
-        default=9, description="window of the predicted error, pixels: two resolution cells"
+        default=9, description="window of the predicted error: two resolution cells"
     )
     edge_m: float = Field(
-        default=0.006,
-        ge=0,
-        le=1,
-        description="what lies behind something so close to it is in doubt",
+        default=0.006, ge=0, le=1, description="pixels behind another one so close are in doubt"
     )
     drop_doubtful: bool = Field(
-        default=True, description="such pixels and those without coherence are dropped (NaN)"
+        default=True, description="they, and pixels without coherence, become NaN"
     )
 
 
@@ -129,10 +124,7 @@ class RefinedConfig(FskConfig):
         default=5, description="averaging filter of the result, pixels"
     )
     fine_refinements: int = Field(
-        default=1,
-        ge=1,
-        le=1000,
-        description="times a further tone corrects each pixel (paper: once)",
+        default=1, ge=1, le=1000, description="times that a further tone corrects each pixel"
     )
     weighted: bool = Field(default=False, description="the filters weigh each pixel with its power")
     wrap_probability: float = Field(
@@ -155,13 +147,10 @@ class LadderConfig(RefinedConfig):
     the depth roughly, and each further tone, further away from them, refines it."""
 
     phase_noise_rad: float = Field(
-        default=0.03,
-        gt=0,
-        description="expected between two tones at the strongest pixel; judges the ladder on paper",
+        default=0.03, gt=0, description="between two tones at the strongest pixel, expected"
     )
     tones_hz: tuple[Tone, ...] = Field(
-        default=(82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9),
-        description="the closest pair first, then each further away from it",
+        default=(82.0e9, 81.8e9, 81.3e9, 79.5e9, 72.0e9), description="the closest pair first"
     )
 
     @property
@@ -187,8 +176,7 @@ class JointConfig(AgreementConfig, FskConfig):
         default=True, description="use the path's true derivative along z instead of 2"
     )
     tones_hz: tuple[Tone, ...] = Field(
-        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9),
-        description="the closest pair first, then any others",
+        default=(82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), description="the closest pair first"
     )
     coarse_filter_px: OddPixels = Field(
         default=5, description="averaging filter before each search, pixels"

@@ -30,7 +30,7 @@ from handbench.radar.methods.projection_config import (
 from handbench.radar.methods.registry import PAPER, Reconstruction, register
 from handbench.support.config import Config
 
-OURS = f"docs/methods.md, after {PAPER}"
+OURS = f"handbench (docs/methods.md), after {PAPER}"
 # All improvements. The second refinement corrects the errors of the first one, which is out of
 # focus.
 PLUS: dict[str, Any] = {
@@ -71,7 +71,12 @@ def _preset(
     if defaults:
         known = config.model_fields  # whose limits hold on
         fields: dict[str, Any] = {
-            k: (Annotated[known[k].annotation, *known[k].metadata, Field()], v)
+            k: (
+                Annotated[
+                    known[k].annotation, *known[k].metadata, Field(description=known[k].description)
+                ],
+                v,
+            )
             for k, v in defaults.items()
         }
         config = create_model(config.__name__, __base__=config, **fields)
@@ -81,27 +86,25 @@ def _preset(
         return make(capture, config, frame, id)
 
 
+_preset(_fsk, "2fsk", "2-FSK", TwoToneConfig, "phase between the images of two tones", PAPER)
 _preset(
-    _fsk, "2fsk", "2-FSK", TwoToneConfig, "depth from the phase between images at two tones", PAPER
-)
-_preset(
-    _fsk,
-    "3fsk",
-    "3-FSK",
-    ThreeToneConfig,
-    "2-FSK, then a third tone far away corrects every pixel",
-    PAPER,
+    _fsk, "3fsk", "3-FSK", ThreeToneConfig, "2-FSK, corrected at every pixel by a third tone", PAPER
 )
 _preset(
     _mip,
     "broadband",
     "broadband",
     BroadbandConfig,
-    "backprojected volume of 128 tones, maximum intensity projection",
+    "strongest voxels of a volume of 128 tones",
     PAPER,
 )
 _preset(
-    _mip, "narrowband", "narrowband", NarrowbandConfig, "the same with the three 3-FSK tones", PAPER
+    _mip,
+    "narrowband",
+    "narrowband",
+    NarrowbandConfig,
+    "the same with the three tones of 3-FSK",
+    PAPER,
 )
 
 _preset(
@@ -125,7 +128,7 @@ _preset(
     "3fsk-offaxis",
     "3-FSK off-axis",
     ThreeToneConfig,
-    "3-FSK with the path's true derivative instead of 2",
+    "3-FSK with the path's true derivative",
     off_axis=True,
 )
 _preset(
@@ -133,7 +136,7 @@ _preset(
     "3fsk-weighted",
     "3-FSK weighted",
     ThreeToneConfig,
-    "3-FSK with filters that weigh pixels with their power",
+    "3-FSK with filters weighted by power",
     weighted=True,
 )
 _preset(
@@ -141,16 +144,10 @@ _preset(
     "3fsk-plus",
     "3-FSK plus",
     ThreeToneConfig,
-    "both, refined twice, without what may have wrapped",
+    "both, refined twice, without wrapped pixels",
     **PLUS,
 )
-_preset(
-    _fsk,
-    "nfsk",
-    "ladder",
-    LadderConfig,
-    "a ladder of tones, each further away, corrects every pixel in turn",
-)
+_preset(_fsk, "nfsk", "ladder", LadderConfig, "ladder: each further tone corrects every pixel")
 for _id, _config, _of in (
     ("2fsk", TwoToneConfig, "2-FSK"),
     ("3fsk", ThreeToneConfig, "3-FSK"),
@@ -161,7 +158,7 @@ for _id, _config, _of in (
         f"{_id}-doppler",
         f"{_of} Doppler",
         _config,
-        f"{_of} of a moving target, whose velocity a tone measured twice gives",
+        f"{_of} of a moving target, with its velocity",
         doppler=True,
     )
 
@@ -182,11 +179,11 @@ _preset(
     "broadband-aligned",
     "broadband aligned",
     AlignedConfig,
-    "broadband with depths at which the tones' phases agree",
+    "broadband, depths where the tones' phases agree",
 )
 
 
-@register("joint", JointConfig, "any tones, all at once: the depth at which they agree best", OURS)
+@register("joint", JointConfig, "the depth at which any number of tones agree", OURS)
 def _joint(capture: RadarCapture, config: JointConfig, frame: int) -> Reconstruction:
     from handbench.radar.methods.alignment import joint
 

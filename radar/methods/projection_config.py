@@ -6,22 +6,20 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from handbench.radar.data.grid import Axis, GridConfig, VoxelGrid
-from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig
+from handbench.radar.methods.fsk_config import PAPER_LATERAL, AgreementConfig, Lateral
 from handbench.support.config import Tone
 
 FEWEST = 3  # tones that can be aligned with an estimate of their error
 
 
 class _VolumeConfig(GridConfig):
-    x: Axis = PAPER_LATERAL
-    y: Axis = PAPER_LATERAL
-    z: Axis = Axis(start_m=0.245, stop_m=0.325, step_m=0.001)
+    x: Lateral = PAPER_LATERAL
+    y: Lateral = PAPER_LATERAL
+    z: Axis = Field(default=Axis(start_m=0.245, stop_m=0.325, step_m=0.001), description="depths")
     threshold_db: float = Field(
         default=-13.0, lt=0, description="pixels weaker than this are off target"
     )
-    subvoxel: bool = Field(
-        default=False, description="depth between voxels, by a parabola (paper: whole voxels)"
-    )
+    subvoxel: bool = Field(default=False, description="depth between voxels, by a parabola")
     tolerance: float | None = Field(
         default=1e-5, gt=0, lt=1, description="relative error of the image; null: exact"
     )
@@ -38,8 +36,8 @@ class BroadbandConfig(_VolumeConfig):
     tolerance: float | None = Field(
         default=1e-3, gt=0, lt=1, description="relative error of the image; null: exact"
     )
-    start_hz: Tone = 72e9
-    stop_hz: Tone = 82e9
+    start_hz: Tone = Field(default=72e9, description="first tone")
+    stop_hz: Tone = Field(default=82e9, description="last tone")
     count: int = Field(
         default=128, ge=2, le=100_000, description="stepped tones from start to stop, both included"
     )
@@ -71,9 +69,9 @@ class NarrowbandConfig(_VolumeConfig):
     """Parameters of narrowband backprojection: a volume is imaged at only three tones, those of
     3-FSK, and its strongest voxels give the depths."""
 
-    f1_hz: Tone = 82.0e9
-    f2_hz: Tone = 81.8e9
-    f3_hz: Tone = 79.5e9
+    f1_hz: Tone = Field(default=82.0e9, description="first tone")
+    f2_hz: Tone = Field(default=81.8e9, description="second tone")
+    f3_hz: Tone = Field(default=79.5e9, description="third tone")
 
     def tones_hz(self) -> np.ndarray:
         """Return the three tones, hertz."""

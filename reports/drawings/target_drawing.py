@@ -42,15 +42,15 @@ def target_sheet(target: "Target", title: str) -> Figure:
         f"mm; foam (permittivity {target.foam_permittivity:g}), steel ball: diameters; hole: depth",
         parts_mm.to_string(float_format="{:.2f}".format),
     )
-    for part in parts_mm.itertuples():
-        radius, y = part.ball / 2, part.y - low_mm.y
-        front, side = high_mm.x - part.x, side_mm + part.z - low_mm.z
+    rows = parts_mm.to_numpy()
+    for number, (x_mm, y_mm, z_mm, foam, ball, hole, _) in enumerate(rows, 1):
+        front, side, y = high_mm.x - x_mm, side_mm + z_mm - low_mm.z, y_mm - low_mm.y
         for x in (front, side):
-            axes.add_patch(Circle((x, y), part.foam / 2, fill=False))
-            axes.add_patch(Circle((x, y), radius, fc="0.88", ec="black"))
+            axes.add_patch(Circle((x, y), foam / 2, fill=False))
+            axes.add_patch(Circle((x, y), ball / 2, fc="0.88", ec="black"))
             axes.plot(x, y, "k+", ms=40, mew=0.25)
-        axes.text(front + radius, y + radius, str(part.Index), size=9, weight="bold")
+        axes.text(front + ball / 2, y + ball / 2, str(number), size=9, weight="bold")
         # from the ball's far end to the sphere's back
-        corner = side - radius, y - radius
-        axes.add_patch(Rectangle(corner, part.hole, part.ball, fill=False, ls="--"))
+        corner = side - ball / 2, y - ball / 2
+        axes.add_patch(Rectangle(corner, hole, ball, fill=False, ls="--"))
     return figure

@@ -14,6 +14,7 @@ from handbench.cli.options import COMMANDS, declared_commands
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
+from handbench.radar.methods.registry import methods
 from handbench.radar.simulation.known_effects import IDS
 from tests.cli.conftest import PIXELS
 
@@ -196,13 +197,37 @@ def test_inspect_reports_every_problem(made, tmp_path, capsys):
     assert printed.err.strip() == last
 
 
-def test_list_and_doctor_speak(capsys):
+def test_list_has_a_line_for_each_thing_and_each_thing_in_full(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     assert main(["list"]) == 0
-    listing = capsys.readouterr().out
-    for word in ("broadband", "paper_table", "threshold_db", "capture.toml", "touchstone"):
-        assert word in listing
-    assert main(["list", "effects", "noise"]) == 0
-    listed = capsys.readouterr().out
-    assert "thermal noise" in listed and "roughness" not in listed and "3fsk" not in listed
+    listing = capsys.readouterr().out.splitlines()
+    assert max(map(len, listing)) <= 80 and not any("…" in line for line in listing)
+    names = [line.split()[0] for line in listing]
+    assert {"3fsk", "mae_mm", "paper_table", "noise", "touchstone"} < set(names)
+    for section, name, words in (
+        ("methods", "3fsk", ("f3_hz = 79.5e9", "third tone")),
+        ("metrics", "mae_mm", ("mean of |z − z_ref|",)),
+        ("effects", "noise", ("thermal noise", "source")),
+    ):
+        assert main(["list", section, name]) == 0
+        entry = capsys.readouterr().out
+        assert all(word in entry for word in words) and max(map(len, entry.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("method", methods(), ids=lambda method: method.id)
+def test_every_parameter_of_a_method_has_a_meaning(method):
+    assert all(field.description for field in method.config.model_fields.values())
+
+
+def test_doctor_fits_a_screen(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     assert main(["doctor"]) == 0
-    assert "CUDA" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) <= 24 and max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize("command", declared_commands(COMMANDS))
+def test_help_fits_eighty_columns(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert status([command, "--help"]) == 0
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
