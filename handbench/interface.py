@@ -128,7 +128,7 @@ class Capture:
             method: an id of `methods()`.
             frame: which frame, from 0.
             settings: the method's parameters, as tolerance=1e-3 or z={"step_m": 0.002}; they
-                replace those that the capture's folder gives. `handbench list methods ID` shows all.
+                replace those that the capture's folder gives; see `handbench list methods ID`.
 
         Returns:
             The depth map, which remembers this capture.
