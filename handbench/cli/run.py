@@ -51,20 +51,9 @@ def limits(result: Result) -> list[str]:
     was busy, and what failed."""
     from rich.console import Console
 
-    from handbench.bench.evaluation.metrics import chosen
-    from handbench.reports.tables.rounding import figure
-    from handbench.reports.tables.table import main_reference
+    from handbench.reports.page import summary
 
-    texts = []
-    lines = result.table[result.table.reference == main_reference(result)].dropna(subset="value")
-    for metric in chosen("limits"):
-        if len(of_metric := lines[lines.metric == metric]):
-            ends = of_metric.value.agg(["min", "max"])
-            unit = of_metric.unit.iloc[0]
-            values = " to ".join(dict.fromkeys(figure(value, unit=unit) for value in ends))
-            texts.append(f"{result.title(metric)} {values} {unit}")
-    if result.busy():
-        texts.append("machine busy: times too long")
+    texts = summary.limits(result)
     if failures := result.about.failures:
         failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
         texts.append(shorten(f"failed: {failed}", Console().width, placeholder=" …"))

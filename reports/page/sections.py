@@ -78,7 +78,7 @@ def uncertainty(result: Result) -> list[Content]:
     if budgets:
         caption = "σ of the photogrammetric reference along z, root mean square over its pixels"
         sigmas = pd.DataFrame(budgets).T.rename_axis("capture")
-        sigmas.columns = [f"{key.removesuffix('_mm')} (mm)" for key in sigmas]
+        sigmas.columns = sigmas.columns.str.replace("_mm", " (mm)")
         content.append(Table(caption, sigmas.map(_mm)))
     if residuals_mm:
         content.append(

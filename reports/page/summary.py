@@ -51,7 +51,11 @@ def leads(result: Result) -> dict[str, str]:
     """Return the lines on top of a report, heading → text: which method is best at what, what
     limits the figures, and whether the methods have the order of the paper. A line without text is
     left out."""
-    lines = {"Best": _best(result), "Limits": _limits(result), "Paper": _order_of_paper(result)}
+    lines = {
+        "Best": _best(result),
+        "Limits": " · ".join(limits(result)),
+        "Paper": _order_of_paper(result),
+    }
     return {heading: text for heading, text in lines.items() if text}
 
 
@@ -70,31 +74,32 @@ def _best(result: Result) -> str:
         if lines.empty:
             continue
         higher = result.about.metrics[metric].better == "higher"
-        first: Any = lines.loc[lines.value.idxmax() if higher else lines.value.idxmin()]
+        first: Any = next(each(lines.sort_values("value", ascending=not higher)))
         names = dict.fromkeys((first.method, *best(result.compared(metric, first.reference))))
         methods = Markup(" or ").join(Markup("<b>{}</b>").format(titles[name]) for name in names)
         value = figure(first.value, first.low, first.high, first.unit).partition(" ")[0]
         texts.append(
-            Markup("{}: {}, {} {}").format(result.title(metric), methods, value, first.unit)
+            Markup("{} {}, {} {}").format(result.title(metric), methods, value, first.unit)
         )
     return Markup(" · ").join(texts)
 
 
-def _limits(result: Result) -> str:
+def limits(result: Result) -> list[str]:
     """Say how large the reference's own error is, how much of the surface is seen, whether there
-    are enough captures for a test, and whether times are disturbed."""
+    are too few captures for a test, and whether times are disturbed."""
     texts = []
     for metric in chosen("limits"):
         lines = _lines(result, metric)
         if len(lines):
             unit = lines.unit.iloc[0]
-            ends = (figure(end, unit=unit) for end in (lines.value.min(), lines.value.max()))
-            texts.append(f"{result.title(metric)}: {' to '.join(dict.fromkeys(ends))} {unit}")
+            ends = (figure(end, unit=unit) for end in lines.value.agg(["min", "max"]))
+            texts.append(f"{result.title(metric)} {' to '.join(dict.fromkeys(ends))} {unit}")
     if result.comparisons.p_corrected.isna().all():
-        texts.append(f"captures: {len(result.scored())}, too few for a test")
+        count = len(result.scored())
+        texts.append(f"{count} capture{'s' * (count > 1)}: too few for a test")
     if result.busy():
-        texts.append("times: uncertain, because the machine was busy")
-    return " · ".join(texts)
+        texts.append("machine busy: times too long")
+    return texts
 
 
 def _order_of_paper(result: Result) -> str:
@@ -113,10 +118,9 @@ def _order_of_paper(result: Result) -> str:
     return f"by {result.title(HEADLINE)}, the methods are in the paper's order{but}"
 
 
-def capture_table(result: Result, capture: CaptureFacts) -> Table | None:
-    """Return the table of one capture: those of the main metrics that it has, of every method. None
-    if it has no figures."""
-    reference = next(iter(drawn_references([capture])), "")
+def capture_table(result: Result, capture: CaptureFacts) -> Table:
+    """Return the table of one capture: those of the main metrics that it has, of every method."""
+    reference = drawn_references([capture])[0]
     scores, titles = result.scores, result.about.method_titles
     lines = scores[(scores.capture == capture.name) & (scores.reference == reference)]
     lines = lines[(lines.treatment == "") & (lines.frame == 0)]
@@ -130,4 +134,4 @@ def capture_table(result: Result, capture: CaptureFacts) -> Table | None:
                 figure(v, unit=unit) for v in values[metric]
             ]
     index = values.index.map(titles).rename("method")
-    return Table(AGAINST[reference].capitalize(), pd.DataFrame(texts, index)) if texts else None
+    return Table(AGAINST[reference].capitalize(), pd.DataFrame(texts, index))
