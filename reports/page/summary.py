@@ -96,7 +96,7 @@ def limits(result: Result) -> list[str]:
             texts.append(f"{result.title(metric)} {' to '.join(dict.fromkeys(ends))} {unit}")
     if result.comparisons.p_corrected.isna().all():
         count = len(result.scored())
-        texts.append(f"{count} capture{'s' * (count > 1)}: too few for a test")
+        texts.append(f"{count} capture{'s' * (count > 1)}: no tests")
     if result.busy():
         texts.append("machine busy: times too long")
     return texts
