@@ -26,8 +26,9 @@ from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save
 from handbench.reports.tables.rounding import NONE, figure, is_known, number, paper
-from handbench.reports.tables.table import Table, beside, figures, main_pairs
-from handbench.reports.tables.writers import markdown
+from handbench.reports.tables.table import Table, figures
+from handbench.reports.tables.table import differences as tested_differences
+from handbench.reports.tables.writers import escaped, markdown
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
@@ -80,11 +81,13 @@ def _cell(result: Result, metric: str, method: str) -> str:
 def equal_table(result: Result) -> str:
     """Return the tables of docs/results.md: the methods under equal treatment (same smoothing,
     common pixels), and its main pairs."""
-    unsmoothed = figures(result, [COMMON, HEADLINE], "", "none", METHODS)
-    equal = beside(unsmoothed, figures(result, [HEADLINE], "", "window", METHODS)).turned
-    pairs = main_pairs(result)
-    tables = (markdown(replace(table, caption="")) for table in (equal, pairs))
-    return f"\n{pairs.caption}:\n\n".join(tables)
+    unsmoothed = result.equal.treatment == "none"
+    shown = (result.equal.metric == HEADLINE) | (unsmoothed & (result.equal.metric == COMMON))
+    equal = result.equal[shown].set_index("method")
+    lines = equal.loc[[method for method in METHODS if method in equal.index]].reset_index()
+    table = markdown(replace(figures(result, lines).turned, caption=""))
+    sentences = tested_differences(result, main=True).texts.index
+    return "\n".join((table, *(f"- {escaped(sentence)}." for sentence in sentences), ""))
 
 
 PAGES: dict[str, Callable[[Result], str]] = {"README.md": own_table, "docs/results.md": equal_table}

@@ -32,8 +32,11 @@ def run(options: argparse.Namespace) -> str:
 def show(result: Result, out: Path) -> None:
     """Print the table of the paper and our best methods or, without figures of a paper, a row for
     each method; then what limits the figures, and where all of them are."""
+    from rich.console import Console
+
     from handbench.bench.evaluation.metrics import chosen
-    from handbench.reports.tables.table import best_of_ours, figures, main_reference, of_paper
+    from handbench.reports.page.summary import limits
+    from handbench.reports.tables.table import best_of_ours, figures, main_lines, of_paper
     from handbench.reports.tables.writers import notes, terminal
 
     if paper := of_paper(result):
@@ -41,20 +44,9 @@ def show(result: Result, out: Path) -> None:
         if best := best_of_ours(result, SHOWN):
             terminal(best)
     else:
-        terminal(figures(result, chosen("summary"), main_reference(result)), f"{out}/table.csv")
+        terminal(figures(result, main_lines(result, chosen("summary"))), f"{out}/table.csv")
     notes(*limits(result))
-    notes(f"all figures: {out}/table.csv", f"report: handbench report {out} -o REPORT")
-
-
-def limits(result: Result) -> list[str]:
-    """Return what limits a result: the metrics that say so, over all methods, whether the machine
-    was busy, and what failed."""
-    from rich.console import Console
-
-    from handbench.reports.page import summary
-
-    texts = summary.limits(result)
     if failures := result.about.failures:
         failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
-        texts.append(shorten(f"failed: {failed}", Console().width, placeholder=" …"))
-    return texts
+        print(shorten(f"failed: {failed}", Console().width, placeholder=" …"))
+    notes(f"all figures: {out}/table.csv", f"report: handbench report {out} -o REPORT")

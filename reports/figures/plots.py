@@ -33,7 +33,7 @@ from handbench.reports.figures.style import (
     time_text,
     width_in,
 )
-from handbench.reports.tables.table import AGAINST, beside_paper
+from handbench.reports.tables.table import AGAINST
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 
@@ -94,7 +94,7 @@ def accuracy_against_time(result: Result) -> Picture:
         axis.margins(0.15)
         log_axis(axis, "x", "y")
     of_paper, hollow_note = {}, ""
-    if beside_paper(result):
+    if result.table.paper.notna().any():
         hollow_note = " Open markers: the paper's error, drawn at our time."
         mark = Line2D([], [], color="0.5", marker="o", linestyle="none", fillstyle="none")
         of_paper = {"paper (at our time)": mark}

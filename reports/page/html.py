@@ -7,6 +7,7 @@ from functools import partial
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 from handbench.bench.results.about import CaptureFacts
@@ -20,12 +21,10 @@ from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering, scene3d, sections, summary
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables.table import (
+    NOTE,
     Table,
-    csv_text,
     differences,
     every_figure,
-    main_pairs,
-    note,
     of_paper,
     settings,
 )
@@ -75,13 +74,14 @@ def build(folder: str | Path, out: str | Path) -> Path:
         )
     rendering.begin(out)
     main, every = summary.main_table(result), every_figure(result)
-    tests = [] if result.comparisons.empty else [main_pairs(result), differences(result)]
+    compared = not result.comparisons.empty
+    tests = [differences(result, main) for main in (True, False) if compared]
     for stem, tables in (("table", every), ("comparisons", tests)):
         if tables:
             write_text(out / f"{stem}.md", "\n".join(map(markdown, tables)))
             write_text(out / f"{stem}.tex", "\n".join(map(latex, tables)))
     write_text(out / "column.tex", latex(of_paper(result) or main, COLUMN_PT))
-    write_text(out / "table.csv", csv_text(result))
+    copyfile(folder / "table.csv", out / "table.csv")
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     pages, captures = by_page(result.scored()), _drawn(result, out / "figures")
@@ -99,7 +99,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
             captures=first,
             leads=summary.leads(result),
             main=main,
-            note=note(result),
+            note=NOTE,
             every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
             tradeoff=tradeoff(result, out / "figures"),

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.style import DrawnMethod, methods
 from handbench.reports.page import html, rendering, scene3d
-from handbench.reports.page.summary import main_reference
 from handbench.reports.tables.rounding import NONE, figure
+from handbench.reports.tables.table import main_lines
 from handbench.support.files import write_text
 
 PICTURES = 3  # captures in a row
@@ -33,7 +34,8 @@ def build(folders: Sequence[Path], out: Path) -> Path:
 def _cells(result: Result, method: DrawnMethod) -> tuple[str, str, list[rendering.Image]]:
     """Return the title of a method, its mean absolute error as text, and pictures of the result's
     first captures in the colours of the method's errors."""
-    line = result.row(HEADLINE, method.name, main_reference(result))
+    lines = main_lines(result, [HEADLINE])
+    line = next(each(lines[lines.method == method.name]), None)
     error = f"{figure(line.value, line.low, line.high, line.unit)} {line.unit}" if line else NONE
     pictures = []
     for capture in result.scored()[:PICTURES]:

@@ -14,7 +14,7 @@ from handbench.bench.results.about import CaptureFacts, MethodFacts
 from handbench.bench.results.result_folder import Result, best
 from handbench.reports.figures.references import drawn_references
 from handbench.reports.tables.rounding import figure
-from handbench.reports.tables.table import AGAINST, Table, beside, figures, main_reference
+from handbench.reports.tables.table import AGAINST, Table, figures, main_lines
 
 SMOOTHED = "window"  # the equal treatment in the main table
 
@@ -22,12 +22,13 @@ SMOOTHED = "window"  # the equal treatment in the main table
 def main_table(result: Result) -> Table:
     """Return the main figures of all methods against the first reference, with the tones of each
     method below its title; the second column compares them on the pixels that all see."""
-    reference = main_reference(result)
-    first, *others = (figures(result, [metric], reference) for metric in chosen("summary"))
-    equal = [] if result.equal.empty else [figures(result, [HEADLINE], "", SMOOTHED)]
-    table = beside(first, *equal, *others)
-    titles = [f"{method.title}\n{tones_text(method)}".strip() for method in result.about.methods]
-    return replace(table, texts=table.texts.set_axis(titles).rename_axis("method"))
+    equal = result.equal[(result.equal.metric == HEADLINE) & (result.equal.treatment == SMOOTHED)]
+    table = figures(result, pd.concat([main_lines(result, chosen("summary")), equal]))
+    tones = {
+        method.title: f"{method.title}\n{tones_text(method)}".strip()
+        for method in result.about.methods
+    }
+    return replace(table, texts=table.texts.rename(tones))
 
 
 def tones_text(method: MethodFacts) -> str:
@@ -59,18 +60,12 @@ def leads(result: Result) -> dict[str, str]:
     return {heading: text for heading, text in lines.items() if text}
 
 
-def _lines(result: Result, metric: str) -> pd.DataFrame:
-    """Return the lines of the main table with figures of a metric against the first reference."""
-    table = result.table[result.table.reference == main_reference(result)]
-    return table[(table.metric == metric) & table.value.notna()]
-
-
 def _best(result: Result) -> str:
     """Name for each main metric the method with the best figure, and those that are not shown to be
     worse."""
     titles, texts = result.about.method_titles, []
     for metric in chosen("summary"):
-        lines = _lines(result, metric)
+        lines = main_lines(result, [metric])
         if lines.empty:
             continue
         higher = result.about.metrics[metric].better == "higher"
@@ -89,11 +84,11 @@ def limits(result: Result) -> list[str]:
     are too few captures for a test, and whether times are disturbed."""
     texts = []
     for metric in chosen("limits"):
-        lines = _lines(result, metric)
+        lines = main_lines(result, [metric])
         if len(lines):
             unit = lines.unit.iloc[0]
             ends = (figure(end, unit=unit) for end in lines.value.agg(["min", "max"]))
-            texts.append(f"{result.title(metric)} {' to '.join(dict.fromkeys(ends))} {unit}")
+            texts.append(f"{result.title(metric)} {'–'.join(dict.fromkeys(ends))} {unit}")
     if result.comparisons.p_corrected.isna().all():
         count = len(result.scored())
         texts.append(f"{count} capture{'s' * (count > 1)}: no tests")
@@ -104,7 +99,7 @@ def limits(result: Result) -> list[str]:
 
 def _order_of_paper(result: Result) -> str:
     """Say whether the methods have the order of the paper by MAE; "" without two of its figures."""
-    lines = _lines(result, HEADLINE)
+    lines = main_lines(result, [HEADLINE])
     known = lines[lines.paper.notna()].sort_values("value")
     if len(known) < 2:
         return ""

@@ -52,7 +52,7 @@ def named(result: Result, names: tuple[str, ...]) -> Result:
 
 
 def tables(result: Result) -> list[table.Table]:
-    of_all = [table.of_paper(result), table.differences(result), table.main_pairs(result)]
+    of_all = [table.of_paper(result), table.differences(result)]
     return [*table.every_figure(result), *of_all]
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from dataclasses import replace
 
 import pytest
 
-from handbench.bench.evaluation.metrics import chosen
 from handbench.bench.results.result_folder import Result, load
 from handbench.cli.run import show
 from handbench.reports.tables import table as tables
@@ -70,41 +67,37 @@ def judged(result: Result, p: float) -> Result:
 
 def test_only_what_a_test_stands_behind_is_highlighted(result):
     tested = judged(result, 1e-4)
-    table = tables.figures(tested, chosen("main"), "truth")
+    lines = result.table[(result.table.reference == "truth") & (result.table.metric != "bias_mm")]
+    table = tables.figures(tested, lines)
     assert table.best["MAE (mm)"].tolist() == [False, True, True, False]
     assert table.best.to_numpy().sum() == 2
     marks = {markdown: r"\*\*", latex: r"\\textbf", html: "★"}
     for writer, mark in marks.items():
         assert len(re.findall(mark, writer(table))) == (4 if writer is markdown else 2)
-        others = tables.figures(judged(result, 0.2), chosen("main"), "truth")
+        others = tables.figures(judged(result, 0.2), lines)
         assert not re.search(mark, writer(others))
     text = markdown(tables.differences(tested))
-    assert "| &lt;b&gt; 2fsk \\| | truth | &lt; 0.001 | 2.00 | 3 |" in text and "| 0.30 |" in text
+    assert "| &lt;b&gt; 2fsk \\| | truth | &lt; 0.001 | 2.00 |" in text and "| 0.30 |" in text
 
 
-def line(better: str, worse: str, treatment: str, p: float | None) -> tuple:
-    ends = (None, None) if p is None else (0.11, 0.29)
-    return "mae_mm", better, worse, 0.2, *ends, "mm", p, 1.0, "photogrammetry", 2, "", treatment
-
-
-def test_a_pair_is_compared_under_equal_treatment_only(tmp_path):
+def test_the_main_pairs_are_compared_under_equal_treatment_only(tmp_path):
     result = load(write_synthetic(tmp_path / "r", captures=("B", "F"), equal=True))
     lines = [
-        line("broadband", "3fsk", "none", 0.4),
-        line("3fsk", "broadband", "window", 0.001),
-        line("3fsk", "broadband", "", 0.001),  # each as it is: says nothing of better
+        ("mae_mm", *pair, 0.2, 0.11, 0.29, "mm", 0.4, 1.0, "truth", 2, sentence, treatment)
+        for pair, sentence, treatment in (
+            (("broadband", "3fsk"), "no difference", "none"),
+            (("3fsk", "broadband"), "3-FSK is better", "window"),
+            (("3fsk", "broadband"), "each as it is", ""),
+            (("narrowband", "2fsk"), "no main pair", "none"),
+        )
     ]
-    texts = tables.main_pairs(compared(result, lines)).texts
-    assert texts.index.tolist() == ["3-FSK and Broadband"]
-    assert [*texts.iloc[0]] == [
-        "no difference shown (0.20 mm)",
-        "3-FSK better by 0.20 mm [0.11, 0.29]",
+    tested = compared(result, lines)
+    assert tables.differences(tested, main=True).texts.index.tolist() == [
+        "no difference",
+        "3-FSK is better",
     ]
-    assert tables.main_pairs(compared(result, lines[-1:])).texts.empty
-    untested = tables.main_pairs(compared(result, [line("3fsk", "broadband", "none", None)]))
-    assert "too few" in untested.caption
-    equal = tables.every_figure(result)[1]
-    assert "MAE on common pixels, unsmoothed (mm)" in equal.texts.index
+    assert len(tables.differences(tested).texts) == 4
+    assert "MAE on common pixels, unsmoothed (mm)" in tables.every_figure(result)[-1].texts.index
 
 
 def test_markdown_and_html_escape(evil):
@@ -112,17 +105,6 @@ def test_markdown_and_html_escape(evil):
         lines = [line for line in markdown(table).splitlines() if line.startswith("|")]
         assert {len(re.findall(r"(?<!\\)\|", line)) for line in lines} == {6}
         assert "<b>" not in markdown(table) and "<b>50" not in html(table)
-
-
-def test_csv_has_the_ratio(result):
-    lines = list(csv.DictReader(io.StringIO(tables.csv_text(result))))
-    assert len(lines) == len(result.table)
-    [line] = (
-        line
-        for line in lines
-        if (line["metric"], line["method"], line["reference"]) == ("mae_mm", "3fsk", "truth")
-    )
-    assert float(line["ratio"]) == pytest.approx(float(line["value"]) / 1.7)
 
 
 def test_a_run_ends_with_the_papers_table_and_ours(tmp_path, monkeypatch, capsys):
