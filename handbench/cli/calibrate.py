@@ -33,13 +33,8 @@ def run(options: argparse.Namespace) -> None:
         return
     if options.out is None:
         raise HandbenchError("-o: is missing; name the file for the transform: -o TRANSFORM.json")
-    files = [file for file in (options.out, options.array) if file]
-    for file in files:
+    for file in filter(None, (options.out, options.array)):
         free(file, options.overwrite)
-    if len({file.resolve() for file in files}) < len(files):
-        raise HandbenchError(
-            f"-o, --array: both name the same file, {options.out}; give each its own file"
-        )
     transform = _from_surface(options) if options.refine else _from_targets(options)
     transform.save(options.out)
 
@@ -118,17 +113,9 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         load_any_transform(options.transform),
     )
     report = transform.refined or {}
-    shift = ", ".join(f"{mm:+.2f}" for mm in report["translation_mm"])
-    turn = ", ".join(f"{deg:+.2f}" for deg in report["rotation_deg"])
     say(
-        f"{options.out}: the transform has moved by ({shift}) mm and turned by ({turn})° about "
-        f"the middle of the surface; the RMS depth error over {report['pixels']} pixels changed "
-        f"from {report['rms_before_mm']:.2f} to {report['rms_after_mm']:.2f} mm; "
-        f"{report['reason']}; {_error(transform)}"
+        f"{options.out}: the RMS depth error over {report['pixels']} pixels changed from "
+        f"{report['rms_before_mm']:.2f} to {report['rms_after_mm']:.2f} mm; {report['reason']}; "
+        f"not determined: {', '.join(report['free']) or 'nothing'}; {_error(transform)}"
     )
-    if report["free"]:
-        say(
-            f"{options.out}: the shape of the surface does not determine "
-            f"{', '.join(report['free'])}; this part of the transform and of its error is unchanged"
-        )
     return transform

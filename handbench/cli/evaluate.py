@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from handbench.bench.evaluation.metrics import Values
 
 
-def run(options: argparse.Namespace) -> str | None:
+def run(options: argparse.Namespace) -> None:
     """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal,
     otherwise as JSON.
     Warnings are printed first, on stderr."""
@@ -53,9 +53,6 @@ def run(options: argparse.Namespace) -> str | None:
         print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:
         _table(f"{options.depth}: {depth.method}", values, about.get("refined"))
-    if (mae_mm := values["mae_mm"]) is None:
-        return None
-    return f"{options.depth}: MAE {mae_mm:.4g} mm, {values['observed_percent']:.3g} % observed"
 
 
 def _table(title: str, values: Values, refined: str | None) -> None:

@@ -3,22 +3,22 @@ program."""
 
 import argparse
 import json
-from typing import Any
 
-from handbench.cli.options import free, numbers
+from handbench.cli.options import free
 from handbench.support.errors import HandbenchError
 
 MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
 
 
-def run(options: argparse.Namespace) -> str:
+def run(options: argparse.Namespace) -> None:
     """Reconstruct a mesh in metres from photographs, or convert a mesh file in the unit --unit to
     metres, and write it (-o).
     Prints a summary as JSON."""
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
-        return _take_over(options)
+        _take_over(options)
+        return
     if options.unit is not None:
         raise HandbenchError(
             f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
@@ -33,20 +33,17 @@ def run(options: argparse.Namespace) -> str:
 
     for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
         free(options.workdir / kept, options.overwrite)
-    chosen, photos = parse(Options, _values(options), "groundtruth"), find_photos(options.photos)
+    values = {name: value for name, value in vars(options).items() if name in Options.model_fields}
+    chosen, photos = parse(Options, values, "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
     for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
         say(f"{described}: {warning}")
     result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     print(json.dumps(result.summary(), indent=2))
-    return (
-        f"{options.out}: {len(result.surface.faces)} triangles from {result.photographs} of "
-        f"{len(photos)} photographs"
-    )
 
 
-def _take_over(options: argparse.Namespace) -> str:
+def _take_over(options: argparse.Namespace) -> None:
     from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
 
     if options.unit is None:
@@ -57,17 +54,3 @@ def _take_over(options: argparse.Namespace) -> str:
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
     print(json.dumps({"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}, indent=2))
-    return f"{options.out}: {len(mesh.triangles)} triangles in metres"
-
-
-def _values(options: argparse.Namespace) -> dict[str, Any]:
-    """Convert the options of the command line to values for `groundtruth.options.Options`: field →
-    value."""
-    from handbench.groundtruth.options import Options
-
-    return {
-        name: value for name, value in vars(options).items() if name in Options.model_fields
-    } | {
-        "intrinsics": numbers(options.intrinsics, 4, "--intrinsics"),
-        "box_m": numbers(options.box, 6, "--box"),
-    }

@@ -11,7 +11,7 @@ from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
 from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
-from handbench.radar.methods.registry import Method, methods, with_version
+from handbench.radar.methods.registry import Method, methods
 from handbench.radar.simulation.known_effects import DECLARED
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -88,8 +88,6 @@ def _entries(section: str) -> Iterator[Entry]:
 def _method(method: Method) -> Entry:
     """Return the entry of a method, whose details are its parameters with their defaults."""
     details = {"source": method.source}
-    if method.distribution is not None:
-        details["plug-in"] = with_version(method.distribution)
     for key, value in method.config().model_dump().items():
         meaning = method.config.model_fields[key].description or ""
         details[f"{key} = {_toml(value)}"] = meaning

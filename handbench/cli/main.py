@@ -7,7 +7,6 @@ import errno
 import io
 import os
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
@@ -15,7 +14,6 @@ from importlib.metadata import version
 
 from handbench.cli.options import COMMANDS, add_options, declared_commands
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import duration, say
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
 GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
@@ -35,11 +33,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = known.parse_args(arguments)
     try:
         with _device(options):
-            start = time.monotonic()
-            summary = import_module(f"handbench.cli.{options.module}").run(options)
+            import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()
-        if summary and sys.stdout.isatty():
-            say(f"{summary}, in {duration(time.monotonic() - start)}")
     except HandbenchError as error:
         print(f"handbench: {error}", file=sys.stderr)
         return 2

@@ -30,6 +30,11 @@ def _ending(ends: Sequence[str], text: str) -> Path:
     return Path(text)
 
 
+def numbers(text: str) -> tuple[float, ...]:
+    """Convert an option's text, numbers separated by commas."""
+    return tuple(map(float, text.split(",")))
+
+
 def method_ids(**_: object) -> list[str]:
     """Return the ids of all methods, so that a shell can complete the option --method."""
     from handbench.radar.methods.registry import methods
@@ -37,7 +42,7 @@ def method_ids(**_: object) -> list[str]:
     return [method.id for method in methods()]
 
 
-TYPES = {"int": int, "float": float, "path": Path, "positive": positive}
+TYPES = {"int": int, "float": float, "path": Path, "positive": positive, "numbers": numbers}
 
 
 @cache
@@ -69,21 +74,6 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
         argument = place.add_argument(*names.split(", "), **facts)
         if names == "--method":
             vars(argument)["completer"] = method_ids
-
-
-def numbers(text: str | None, count: int, option: str) -> tuple[float, ...] | None:
-    """Return the `count` numbers that an option's text lists, separated by commas; None if `text`
-    is None.
-    option: name of the option, for messages. Raises HandbenchError for any other text."""
-    if text is None:
-        return None
-    try:
-        values = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        values = ()
-    if len(values) != count:
-        raise HandbenchError(f"{option}: is '{text}'; expected {count} numbers separated by commas")
-    return values
 
 
 def names(text: str | None) -> tuple[str, ...]:

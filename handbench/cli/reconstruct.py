@@ -27,10 +27,6 @@ def run(options: argparse.Namespace) -> None:
     error."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
-    if options.volume == options.out:
-        raise HandbenchError(
-            f"--volume: is the same file as -o, {options.out}; give two different files"
-        )
     chosen = method(options.method)
     defaults = configuration(options.capture, chosen.id, {})
     settings = chosen.configure(

@@ -14,9 +14,8 @@ if TYPE_CHECKING:
 SHOWN = 3  # of our best methods
 
 
-def run(options: argparse.Namespace) -> str:
-    """Run a benchmark, or resume an interrupted run, and print the main figures at the end.
-    Returns a summary."""
+def run(options: argparse.Namespace) -> None:
+    """Run a benchmark, or resume an interrupted run, and print the main figures at the end."""
     from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import runner
     from handbench.cli.options import names
@@ -25,8 +24,6 @@ def run(options: argparse.Namespace) -> str:
     command = f"handbench run {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
     show(result, options.out)
-    captures, methods, failed = map(len, (bench.capture, bench.method, result.about.failures))
-    return f"{options.out}: captures × methods: {captures} × {methods}, failed stages: {failed}"
 
 
 def show(result: Result, out: Path) -> None:

@@ -22,7 +22,6 @@ from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_period_m
-from handbench.radar.data.capture import scaled_to_one
 from handbench.reports.drawings import sheets
 from handbench.reports.drawings.board_drawing import board_sheet
 from handbench.reports.drawings.target_drawing import target_sheet
@@ -120,7 +119,7 @@ def _draw(path: Path, out: Path) -> None:
 def _recording(path: Path) -> Figure:
     echoes = open_capture(path).echoes(1)
     f_hz, legs = echoes.frequencies_hz, echoes.aperture.legs
-    samples = scaled_to_one(echoes.samples[0]).reshape(len(f_hz), -1)
+    samples = echoes.samples[0].reshape(len(f_hz), -1)
     magnitudes = np.percentile(np.abs(samples), SHARES, axis=1) / np.abs(samples).max()
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}

@@ -17,40 +17,39 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import counted
 
 
-def run(options: argparse.Namespace) -> str | None:
+def run(options: argparse.Namespace) -> None:
     """Simulate a scene and write its capture, or all captures of a benchmark.
     With --explain, only print the physical effects that would be simulated: the size of each, and
     why it is on or off."""
     if _is_benchmark(options.scene):
-        if options.explain or options.frames > 1 or options.out is None:
-            raise HandbenchError(
-                "simulate: a benchmark needs -o DIR and accepts neither --explain nor --frames; "
-                "add -o DIR and leave these out, or name a scene file"
-            )
-        for capture in (options.out / CAPTURES).glob("[!.]*"):
-            if options.overwrite:
-                free_folder(capture, True, WRITTEN)
-        count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
-        captures = f"{count} capture{'s' * (count > 1)}"
-        print(f"{captures}: handbench run {options.out / BENCH} -o RESULT")
-        return f"{options.out}: {captures} simulated"
+        _simulate_benchmark(options)
+        return
+    scene = load_scene(options.scene)
     if options.explain:
-        scene = load_scene(options.scene)
         of_photos = photo_effects(scene.file.photos) if scene.file.photos else ()
         show(explained(scene) + of_photos)
-        return None
+        return
     if options.out is None:
         raise HandbenchError(
             "-o: is missing; add -o DIR for the capture folder, or use --explain without it"
         )
     free_folder(options.out, options.overwrite, WRITTEN)
-    scene = load_scene(options.scene)
     with counted(1) as progress, progress.part(scene.file.name):
         effects = simulate_capture(scene, options.out, options.frames)
     show(effects)
-    frames = f"{options.frames} frames of echoes" if options.frames > 1 else "echoes"
-    photographs = f", {len(scene.cameras)} photographs" if scene.cameras else ""
-    return f"{options.out}: {frames}{photographs}, {sum(row.on for row in effects)} effects on"
+
+
+def _simulate_benchmark(options: argparse.Namespace) -> None:
+    if options.explain or options.frames > 1 or options.out is None:
+        raise HandbenchError(
+            "simulate: a benchmark needs -o DIR and accepts neither --explain nor --frames; add "
+            "-o DIR and leave these out, or name a scene file"
+        )
+    for capture in (options.out / CAPTURES).glob("[!.]*"):
+        if options.overwrite:
+            free_folder(capture, True, WRITTEN)
+    count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
+    print(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
 
 
 def _is_benchmark(path: Path) -> bool:

@@ -12,7 +12,7 @@ LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in milli
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
 
 
-def run(options: argparse.Namespace) -> str:
+def run(options: argparse.Namespace) -> None:
     """Run the settings of a benchmark, print the front (those that no other beats) and the front of
     each method, and write its picture and the report.
     --max-mae and --max-time ask for one setting within these limits. If there is none,
@@ -43,7 +43,6 @@ def run(options: argparse.Namespace) -> str:
             raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
         name = chosen(ranked_methods(result)[HEADLINE], max_error_mm, max_seconds)
         print(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
-    return f"{options.out}: {len(bench.capture)} captures × {len(bench.method)} settings"
 
 
 def quantity(text: str | None, units: dict[str, float], option: str) -> float:

@@ -30,7 +30,6 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("groundtruth photos -o x.txt", "x.txt does not end in ."),
     ("calibrate missing -o out.json", "missing", "expected"),
     ("calibrate -o t.json", "TARGET_CAPTURE: is missing"),
-    ("calibrate cap -o t.json --array t.json", "name the same file"),
     ("calibrate cap -o t.json --mesh m.ply", "--mesh, --transform: only --refine uses"),
     ("calibrate cap -o t.json --refine d.npz --mesh m.ply", "needs no calibration target"),
     ("calibrate -o t.json --refine d.npz", "--refine: needs a surface"),

@@ -194,7 +194,7 @@ def test_the_command_writes_the_transform_and_its_error_or_that_there_is_none(
         command = f"calibrate --refine {name}.npz --mesh {name}.ply -o {name}.json"
         assert main([*command.split(), "--transform", "start.json"]) == 0
     written = capsys.readouterr().err
-    assert "no covariance" in written and "does not determine x, y, rotation about z" in written
+    assert "no covariance" in written and "not determined: x, y, rotation about z" in written
     found = load_transform(tmp_path / "bumps.json")
     assert apart_mm(found, truth) < 0.01 and found.covariance is not None
     assert "cannot show" in found.refined["reason"]
