@@ -19,6 +19,7 @@ from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
 from handbench.reports.figures.layers import depth_layers, error_layer, layers_figure
+from handbench.reports.tables.rounding import figure
 from tests.radar.simulated_points import point_capture
 from tests.reports.synthetic_result import hand_m
 
@@ -130,6 +131,6 @@ def test_evaluate_is_a_table_on_a_terminal_json_on_request_and_a_picture(
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     assert main(command) == 0
     table = capsys.readouterr().out
-    assert f"{values['mae_mm']:.4g}" in table and "MAE" in table and "no intervals" in table
+    assert figure(values["mae_mm"], unit="mm") in table and "MAE" in table
     assert main([*command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == values
