@@ -53,7 +53,8 @@ def effects(result: Result) -> list[Content]:
     facts = [effect for capture in result.about.captures for effect in capture.effects]
     if not facts:
         return []
-    groups = pd.DataFrame(facts).groupby("effect", sort=False)
+    lines = pd.DataFrame(facts, columns=["effect", "why", "on", *EFFECT_SIZES])
+    groups = lines.groupby("effect", sort=False)
     texts = pd.DataFrame(
         {
             "why": groups.why.unique().map("; ".join),
@@ -91,7 +92,7 @@ def uncertainty(result: Result) -> list[Content]:
         )
     for reference, lines in result.reliability.groupby("reference", sort=False):
         shares = lines.pivot(index="method", columns="nominal_percent", values="observed_percent")
-        texts = shares.map(lambda share: figure(share, unit="%"))
+        texts = shares.loc[lines.method.unique()].map(lambda share: figure(share, unit="%"))
         texts.columns = [f"nominal {percent} %" for percent in shares]
         caption = f"Share of the errors inside the intervals of σ, {AGAINST[str(reference)]}"
         content.append(Table(caption, texts.rename(result.about.method_titles)))
