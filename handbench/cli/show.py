@@ -53,17 +53,15 @@ def run(options: argparse.Namespace) -> None:
     free(out, options.overwrite)
     if described:
         _draw(path, out)
-    elif out.suffix.lower() == ".html":
-        title, sensor, surface, _ = _surface(path)
-        write_text(out, page(path.name, title, surface, sensor))
+    elif path.is_dir():
+        save(_recording(path), out)
     else:
-        save(_recording(path) if path.is_dir() else _maps(path), out)
+        title, sensor, surface, maps = _surface(path)
+        if out.suffix.lower() == ".html":
+            write_text(out, page(path.name, title, surface, sensor))
+        else:
+            save(layers_figure(depth_layers(surface, maps), f"{path.name}: {title}"), out)
     print(out)
-
-
-def _maps(path: Path) -> Figure:
-    title, _, surface, maps = _surface(path)
-    return layers_figure(depth_layers(surface, maps), f"{path.name}: {title}")
 
 
 def _surface(path: Path) -> tuple[str, str, SurfaceMap, dict[str, Any]]:
@@ -123,7 +121,6 @@ def _recording(path: Path) -> Figure:
     magnitudes = np.percentile(np.abs(samples), SHARES, axis=1) / np.abs(samples).max()
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}
-    channels = " × ".join(map(str, echoes.aperture.channels))
     profile = None
     if len(np.unique(f_hz)) >= FEWEST_TONES:
         range_m = np.linspace(0, min(range_period_m(echoes.vacuum_hz), FARTHEST_M), RANGES)
@@ -133,7 +130,7 @@ def _recording(path: Path) -> Figure:
         power = np.mean(np.abs(np.exp(phase) * window @ some) ** 2, axis=1)
         profile = range_m, 10 * np.log10(power / power.max())
     return echoes_figure(
-        f"{path.name}: {len(f_hz)} tones, {channels} channels",
+        f"{path.name}: {len(f_hz)} tones, {samples.shape[1]} channels",
         f_hz,
         20 * np.log10(magnitudes),
         places_m,

@@ -47,7 +47,7 @@ REFUSALS = [  # a command line, and words of its one line; `made` is the folder 
     ("evaluate made/depth.npz --mesh missing.ply", "missing.ply", "expected"),
     ("evaluate made/depth.npz --mesh m.ply --plot x.txt", "x.txt does not end in ."),
     ("show missing", "expected board.toml or target.toml"),
-    ("show made/capture -o a.html", "has no surface"),
+    ("show made/capture -o a.html", "is not the name of a picture"),
     ("show target -o full", "full does not end in ."),
     ("show target -o a.png", "a.png; expected a file that ends in .pdf or .toml"),
     ("report missing -o out", "missing", "expected a folder"),
