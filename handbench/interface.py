@@ -237,9 +237,9 @@ class Plottable:
         raise NotImplementedError
 
     def _repr_png_(self) -> bytes:
-        from handbench.reports.figures.style import png
+        from handbench.reports.figures.style import image_bytes
 
-        return png(self._figure())
+        return image_bytes(self._figure())
 
 
 class Depth(Plottable):
@@ -376,7 +376,7 @@ class Score(Plottable):
     def _figure(self) -> Figure:
         from handbench.reports.figures.layers import error_layer, layers_figure
 
-        return layers_figure([error_layer(self.errors)], self.method)
+        return layers_figure([error_layer(self.errors, self.method)])
 
 
 class RunResult:

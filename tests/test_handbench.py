@@ -193,7 +193,7 @@ def test_a_result_is_drawn_by_the_name_of_the_figure(synthetic, tmp_path):
     maes = synthetic.scores[synthetic.scores.metric == "mae_mm"]
     first = maes[(maes.method == "3fsk") & (maes.reference == "truth") & (maes.frame == 0)].value
     points = {line.get_marker(): line for line in synthetic.plot("captures").axes[1].lines}
-    np.testing.assert_allclose(points["^"].get_ydata(), first)
+    np.testing.assert_allclose(points["s"].get_ydata(), first)
     [over] = [x for x in synthetic.plot("frames").axes[1].lines if x.get_label() == "3-FSK"]
     np.testing.assert_allclose(over.get_ydata(), [first.mean(), first.mean() + 1])
     synthetic.plot("ecdf", tmp_path / "ecdf.png")

@@ -24,7 +24,7 @@ def run(options: argparse.Namespace) -> None:
 
     from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
-    from handbench.bench.evaluation.metrics import HEADLINE, METRICS, chosen
+    from handbench.bench.evaluation.metrics import METRICS, chosen
     from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.stages.reconstruct import Imager
     from handbench.calibration.transforms import identity
@@ -58,9 +58,7 @@ def run(options: argparse.Namespace) -> None:
             f"{metric.title} ({metric.unit})": figure(values[metric.key], unit=metric.unit)
             for metric in defined
         }
-        headline = METRICS[HEADLINE]
-        error = f"{headline.title} {figure(values[HEADLINE], unit=headline.unit)} {headline.unit}"
-        shown.append((f"{title}\n{error}", depth.z_m, scores.errors))
+        shown.append((title, depth.z_m, scores.errors))
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
     texts = pd.DataFrame.from_dict(rows, orient="index")

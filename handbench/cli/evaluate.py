@@ -48,7 +48,7 @@ def run(options: argparse.Namespace) -> None:
         from handbench.reports.figures.depth_maps import methods_figure
         from handbench.reports.figures.style import save
 
-        save(methods_figure([(f"{depth.method}\n", depth.z_m, errors)]), options.plot)
+        save(methods_figure([(depth.method, depth.z_m, errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
         print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:

@@ -2,40 +2,33 @@
 of the Python interface one of them."""
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from handbench.bench.evaluation.metrics import HEADLINE
 from handbench.bench.results.result_folder import Result
-from handbench.reports.figures.motion import (
-    error_over_frames,
-    errors_of_maps,
-    errors_over_speed,
-    sequences,
-)
-from handbench.reports.figures.pixel_errors import Counts, error_distributions
-from handbench.reports.figures.references import DRAWN, drawn_references, floor_note
+from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
+from handbench.reports.figures.motion import error_over_frames, errors_of_maps, errors_over_speed
+from handbench.reports.figures.references import DRAWN, drawn_references
 from handbench.reports.figures.style import (
     COLUMN,
     DrawnMethod,
     Picture,
+    add_legend,
+    charts,
     log_axis,
     methods,
-    name_all,
-    name_ticks,
-    side_by_side,
-    time_text,
-    width_in,
+    whiskers,
 )
 from handbench.reports.tables.table import AGAINST
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
+
+DISTRIBUTION_MM = (0.02, 100)  # errors whose distribution is drawn
 
 
 def plot(result: Result, kind: str) -> Figure:
@@ -55,72 +48,17 @@ def plot(result: Result, kind: str) -> Figure:
         return picture(result).figure
 
 
-def overview(result: Result, counts: Counts | None = None) -> Iterator[Picture]:
-    """Yield all figures of a result that it has data for.
-    counts: pixels by their errors, over all captures, as `error_counts` returns them. If None, they
-    are counted here, which reads every error map."""
-    for has_data, _, picture in KINDS.values():
-        if has_data(result):
-            counted = picture is error_distributions
-            yield picture(result, counts) if counted else picture(result)
+def overview(result: Result) -> Iterator[Picture]:
+    """Yield all figures of a result that it has data for, but for the settings' errors over time,
+    which have a section of the report."""
+    for kind, (has_data, _, picture) in KINDS.items():
+        if has_data(result) and not (kind == "time" and is_swept(result)):
+            yield picture(result)
 
 
-def accuracy_against_time(result: Result) -> Picture:
-    """Plot the mean absolute error of each method over its seconds per frame, with one panel for
-    each reference surface.
-    Error bars show the 95 % intervals of both. An open marker shows the error that the paper
-    reports, drawn at the time measured here."""
-    points = _timed(result)
-    figure, axes = side_by_side({r: AGAINST[r] for r in dict.fromkeys(r for r, *_ in points)})
-    notes = []
-    for reference, method, error, time in points:
-        axis, bounds = axes[reference], [(of.value, of.low, of.high) for of in (time, error)]
-        style: dict[str, Any] = {
-            "linestyle": "none",
-            "markersize": 6,
-            "capsize": 3,
-            "elinewidth": 1,
-        }
-        method.draw_point(axis, *bounds, **style)
-        if error.paper > 0:
-            hollow: dict[str, Any] = {"markersize": 6, "fillstyle": "none", "label": None}
-            method.draw(axis, [time.value], [error.paper], **hollow)
-        notes.append(
-            f"{method.title} {AGAINST[reference]}: {error.value:.2f} mm in "
-            f"{time_text(result, method)}"
-        )
-    for axis in axes.values():
-        axis.set(xlabel="seconds per frame", ylabel=f"{result.title(HEADLINE)} in mm")
-        axis.margins(0.15)
-        log_axis(axis, "x", "y")
-    of_paper, hollow_note = {}, ""
-    if result.table.paper.notna().any():
-        hollow_note = " Open markers: the paper's error, drawn at our time."
-        mark = Line2D([], [], color="0.5", marker="o", linestyle="none", fillstyle="none")
-        of_paper = {"paper (at our time)": mark}
-    name_all(figure, **of_paper)
-    return Picture(
-        "accuracy_time",
-        "Accuracy against time: mean absolute error over seconds per frame, with 95 % intervals."
-        f"{hollow_note}{floor_note(result)}",
-        f"Mean absolute error against time per frame. {'; '.join(notes)}.",
-        figure,
-    )
-
-
-def _timed(result: Result) -> list[tuple[str, DrawnMethod, Any, Any]]:
-    """Return (reference, method, line with its MAE, line with its time) of the main table, where
-    both are above 0."""
-    lines = [
-        (r, m, *(result.row(metric, m.name, r) for metric in (HEADLINE, "seconds")))
-        for r in DRAWN
-        for m in methods(result)
-    ]
-    return [
-        (r, m, error, time)
-        for r, m, error, time in lines
-        if error and time and error.value > 0 and time.value > 0
-    ]
+def error_over_time(result: Result) -> Picture:
+    """Plot the error of each method over its seconds per frame: the first of `fronts.pictures`."""
+    return next(pictures(result))
 
 
 def error_of_captures(result: Result) -> Picture:
@@ -129,19 +67,18 @@ def error_of_captures(result: Result) -> Picture:
     lines = _first_frames(result)
     captures, shown = lines.capture.unique().tolist(), methods(result)
     drawn = {r: AGAINST[r] for r in DRAWN if (lines.reference == r).any()}
-    figure, axes = side_by_side(drawn, 1.4 + 0.32 * max(len(shown), 4))
+    wide_in = 1.4 + 0.32 * max(len(shown), 4)
+    figure, axes = charts(drawn, "", f"{result.title(HEADLINE)} in mm", wide_in)
     for reference, axis in axes.items():
         _draw_columns(axis, shown, lines[lines.reference == reference])
+        means = result.table[result.table.metric == HEADLINE]
         for column, method in enumerate(shown):
-            if mean := result.row(HEADLINE, method.name, reference):
-                ends = column - 0.4, column + 0.4
-                axis.hlines(mean.value, *ends, color=method.colour, linewidth=1.5)
-                bar: dict[str, Any] = {"marker": "none", "capsize": 3, "elinewidth": 1}
-                bounds = mean.value, mean.low, mean.high
-                method.draw_point(axis, (column, None, None), bounds, **bar)
+            of_method = (means.method == method.name) & (means.reference == reference)
+            mean = means[of_method]
+            bars = whiskers(mean.value, mean.low, mean.high)
+            looks = method.style | {"marker": "_", "markersize": 16}
+            axis.errorbar([column] * len(mean), mean.value, bars, elinewidth=1, **looks)
         log_axis(axis, "y")
-        axis.set_ylabel(f"{result.title(HEADLINE)} in mm")
-        axis.label_outer()
     return Picture(
         "error_captures",
         f"Mean absolute error of each method on {len(captures)} captures: points, from "
@@ -152,17 +89,43 @@ def error_of_captures(result: Result) -> Picture:
     )
 
 
+def error_distributions(result: Result) -> Picture:
+    """Plot the cumulative distribution of each method's errors, with one panel for each reference
+    surface: the share in % of the observed pixels of all captures whose |z − z_ref| is at most the
+    value on the x axis."""
+    against = {r: AGAINST[r] for r in drawn_references(result.scored())}
+    figure, axes = charts(against, "|z − z_ref| in mm", "pixels in %")
+    percent = np.linspace(0, 100, 401)
+    for reference, axis in axes.items():
+        captures = [c.name for c in result.scored() if reference in c.references]
+        for i, method in enumerate(methods(result)):
+            maps = (result.errors(name, method.name, reference).error_m for name in captures)
+            error_m = np.concatenate([error_m[np.isfinite(error_m)] for error_m in maps])
+            if len(error_m):
+                every = (4 * i % 40, 40)  # markers of different methods do not fall on each other
+                error_mm = 1e3 * np.percentile(np.abs(error_m), percent)
+                axis.plot(error_mm, percent, **method.style, markevery=every)
+        axis.set(xlim=DISTRIBUTION_MM, ylim=(0, 100))
+        log_axis(axis, "x")
+    add_legend(figure)
+    return Picture(
+        "error_distribution",
+        "Share of the observed pixels, of all captures together, whose absolute error is not "
+        "above the abscissa.",
+        "Cumulative distribution of the absolute errors of each method.",
+        figure,
+    )
+
+
 def repeats(result: Result) -> Picture:
     """Plot the precision: for each method and capture, the depth of the strongest scatterer in
     every repeated frame, in mm from the mean over these frames."""
     known = result.repeats.dropna(subset="z_m")
     means_m = known.groupby(["capture", "method"]).z_m.transform("mean")
     shown = [m for m in methods(result) if (known.method == m.name).any()]
-    figure = Figure(figsize=(width_in(1.6 + 0.95 * max(len(shown), 3)), 3.2), layout="constrained")
-    axis = figure.subplots()
-    _draw_columns(axis, shown, known.assign(value=1e3 * (known.z_m - means_m)))
-    axis.axhline(0, color="0.6", linewidth=0.6)
-    axis.set_ylabel("z − mean z of the capture in mm")
+    wide_in = 0.95 * max(len(shown), 3)
+    figure, axes = charts({"": ""}, "", "z − mean z in mm", wide_in)
+    _draw_columns(axes[""], shown, known.assign(value=1e3 * (known.z_m - means_m)))
     count = known.capture.nunique()
     return Picture(
         "repeats",
@@ -181,8 +144,9 @@ def _draw_columns(axis: Axes, shown: list[DrawnMethod], lines: pd.DataFrame) -> 
     for column, method in enumerate(shown):
         mine = lines[lines.method == method.name]
         x = column + mine.capture.map(places)
-        method.draw(axis, x, mine.value, linestyle="none", alpha=0.6, mew=0)
-    name_ticks(axis, [method.title for method in shown])
+        axis.plot(x, mine.value, **method.style, linestyle="none", alpha=0.6, mew=0)
+    names = [method.title for method in shown]
+    axis.set_xticks(range(len(names)), names, rotation=45, ha="right", rotation_mode="anchor")
 
 
 def _has_maps(result: Result) -> bool:
@@ -195,15 +159,19 @@ def _first_frames(result: Result) -> pd.DataFrame:
 
 
 # name: whether a result has the data, what that is, and the function that draws it
-KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[..., Picture]]] = {
-    "time": (lambda r: bool(_timed(r)), "errors with times", accuracy_against_time),
+KINDS: dict[str, tuple[Callable[[Result], bool], str, Callable[[Result], Picture]]] = {
+    "time": (lambda r: bool(ranked_methods(r)), "errors with times", error_over_time),
     "captures": (
         lambda r: _first_frames(r).capture.nunique() > 1,
         "errors of several captures",
         error_of_captures,
     ),
     "ecdf": (_has_maps, "error maps", error_distributions),
-    "frames": (lambda r: bool(sequences(r)), "errors of several frames", error_over_frames),
+    "frames": (
+        lambda r: bool((errors_of_maps(r).frame > 0).any()),
+        "errors of several frames",
+        error_over_frames,
+    ),
     "speed": (lambda r: bool(len(r.motion)), "captures that move", errors_over_speed),
     "repeats": (lambda r: bool(r.repeats["repeat"].any()), "repeated frames", repeats),
 }

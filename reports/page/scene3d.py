@@ -68,7 +68,7 @@ def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any
     z_mm = 1e3 * np.concatenate([surface.z_m.ravel() for _, _, surface, _ in parts])
     if not np.isfinite(z_mm).any():
         return None
-    norm = layers.depth_scale(parts[0][2])
+    norm = layers.depth_scale(parts[0][2]).norm
     low_mm, high_mm = float(np.nanmin(z_mm)), float(np.nanmax(z_mm))
     step_mm = max((high_mm - low_mm) / LEVELS, 1e-6)
     return {
@@ -84,7 +84,7 @@ def _scene(name: str, references: list[str], parts: list[Part]) -> dict[str, Any
 def scales() -> dict[str, Any]:
     """Return the colour scales that the page's script uses: colours as text (#rrggbb) for depth and
     error, and the ticks of the errors in mm with their positions from 0 to 1."""
-    norm = layers.error_scale()
+    norm = layers.ERRORS.norm
     return {
         "skin": layers.SKIN,
         "depth": [to_hex(colour) for colour in _samples(layers.DEPTH_COLOURS)],
@@ -135,7 +135,7 @@ def _surface(
 
 def _colour_numbers(error_m: np.ndarray) -> np.ndarray:
     """Return the numbers of the colours of signed errors [n], from 1 on; 0 for NaN."""
-    shares = np.clip(layers.error_scale()(1e3 * np.nan_to_num(error_m)), 0, 1)
+    shares = np.clip(layers.ERRORS.norm(1e3 * np.nan_to_num(error_m)), 0, 1)
     return np.where(np.isnan(error_m), 0, 1 + np.round((COLOURS - 1) * shares)).astype("u1")
 
 

@@ -37,5 +37,5 @@ def test_points_that_lie_together_share_a_label():
     axis = Figure().subplots()
     axis.set(xscale="log", yscale="log", xlim=(1e-3, 1), ylim=(0.1, 10))
     places = np.array([(2e-3, 5.0), (0.1, 1.0), (0.101, 1.0), (0.1015, 3.0), (0.102, 1.01)])
-    expected = [("1", (2e-3, 5.0)), ("2–3, 5", (0.1, 1.0)), ("4", (0.1015, 3.0))]
+    expected = [("1", (2e-3, 5.0)), ("2, 3, 5", (0.1, 1.0)), ("4", (0.1015, 3.0))]
     assert list(fronts._labels(axis, places)) == expected
