@@ -21,7 +21,7 @@ from handbench.bench.results.about import MethodFacts
 from handbench.bench.results.maps import write_frames
 from handbench.bench.results.result_folder import load
 from handbench.reports.figures.depth_maps import panels
-from handbench.reports.figures.layers import ERROR_COLOURS, error_scale
+from handbench.reports.figures.layers import ERRORS
 from handbench.reports.figures.style import STYLE
 from handbench.reports.page import html, rendering, scene3d, sections, several, summary
 from handbench.support.errors import HandbenchError
@@ -285,6 +285,6 @@ def test_what_turns_in_3d_is_what_was_measured(result_folder):
     numbers = decoded(surface["errors"]["truth"]["colours"], "u1")
     assert np.array_equal(numbers == 0, np.isnan(error_mm[seen]))
     colours = np.array([(0, 0, 0), *map(to_rgb, scene3d.scales()["error"])])[numbers]
-    expected = colormaps[ERROR_COLOURS](error_scale()(error_mm[seen]))[:, :3]
+    expected = colormaps[ERRORS.colours](ERRORS.norm(error_mm[seen]))[:, :3]
     shown = numbers > 0
     np.testing.assert_allclose(colours[shown], expected[shown], atol=0.04)
