@@ -23,7 +23,7 @@ from handbench.reports.figures.references import drawn_references, floor_note
 from handbench.reports.figures.style import STYLE, Picture, methods, time_text
 from handbench.reports.tables.table import AGAINST
 
-COLOURS = f"{SIGNED}. Line: outline of the reference"
+COLOURS = f"{SIGNED}. Line: outline of the reference."
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
@@ -46,7 +46,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         for method in methods(result)
     ]
     errors: list[Layer] = []
-    below = ""
+    below = "."
     if reference:
         truth = result.surface(capture.name, reference)
         maps.insert(0, ("ground truth", truth))
@@ -56,7 +56,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
     titles = ", ".join(title for title, _ in maps) + ", photograph" * bool(photo)
     return Picture(
         f"depth_{capture.name}",
-        f"Capture {capture.name}: depth maps on one colour scale; grey: not observed{below}.",
+        f"Capture {capture.name}: depth maps on one colour scale; grey: not observed{below}",
         f"Depth maps of capture {capture.name}, side by side: {titles}. {_text(errors)}",
         _compared(maps, errors, np.asarray(Image.open(photo).convert("RGB")) if photo else None),
     )
@@ -69,7 +69,7 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     return Picture(
         f"error_{capture.name}__{reference}",
         f"Capture {capture.name}: signed errors {AGAINST[reference]}: {COLOURS}"
-        f"{floor_note(result)}.",
+        f"{floor_note(result)}",
         f"Error maps of capture {capture.name} {AGAINST[reference]}. {_text(errors)}",
         sheet([errors]),
     )

@@ -98,8 +98,8 @@ class Layer:
         extent = (*edges(self.x_mm), *edges(self.y_mm))
         axis.imshow(self.values, self.scale.colours, self.scale.norm, extent=extent)
         if np.any(self.outline) and not np.all(self.outline):
-            line = {"levels": [0.5], "colors": "0.35", "linewidths": 0.4}
-            axis.contour(self.x_mm, self.y_mm, self.outline, **line)
+            x_mm, y_mm = self.x_mm, self.y_mm
+            axis.contour(x_mm, y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4)
         axis.set(xlim=box[:2], ylim=box[2:], facecolor=EMPTY)
 
 

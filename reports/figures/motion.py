@@ -1,6 +1,7 @@
 """Figures of moving scenes: error over speed, and error over the frames."""
 
 import pandas as pd
+from matplotlib.ticker import MaxNLocator
 
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.results.result_folder import Result
@@ -32,8 +33,8 @@ def errors_over_speed(result: Result) -> Picture:
                 line = "-" if len(series) >= FEWEST else "none"
                 axis.plot(series.speed_mm_s, series[metric], **method.style, linestyle=line)
             marked = own[own.velocity_beyond_percent > 0]
-            ring = {"color": "0.5", "markersize": 9, "fillstyle": "none"}
-            axis.plot(marked.speed_mm_s, marked[metric], "o", **ring)
+            speeds = marked.speed_mm_s
+            axis.plot(speeds, marked[metric], "o", color="0.5", markersize=9, fillstyle="none")
         log_axis(axis, "y")
         axis.set_xscale("symlog", linthresh=LINEAR_MM_S, linscale=0.5)
         axis.set_xlim(-0.2 * LINEAR_MM_S, 1.5 * max(found.speed_mm_s.max(), LINEAR_MM_S))
@@ -74,7 +75,7 @@ def error_over_frames(result: Result) -> Picture:
             axis.plot(maes_mm, color=method.colour, linewidth=0.5, alpha=0.5)
             axis.plot(maes_mm.mean(axis=1), **method.style, markevery=every)
         log_axis(axis, "y")
-        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     add_legend(figure)
     count = lines.capture.nunique()
     return Picture(

@@ -147,8 +147,8 @@ def add_legend(figure: Figure) -> None:
     for axis in figure.axes:
         handles, names = axis.get_legend_handles_labels()
         named |= dict(zip(names, handles, strict=True))
-    loc, columns = ("outside upper center", 2) if narrow() else ("outside right center", 1)
-    figure.legend(named.values(), named, loc=loc, ncols=columns)
+    place: Any = "outside upper center" if narrow() else "outside right center"
+    figure.legend(named.values(), named, loc=place, ncols=2 if narrow() else 1)
 
 
 def whiskers(value: pd.Series, low: pd.Series, high: pd.Series) -> np.ndarray:
