@@ -53,8 +53,7 @@ def figures(lines: pd.DataFrame, error: str = HEADLINE) -> pd.DataFrame:
 
 def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.DataFrame:
     """Add to the figures of methods their rank: on_front; on_own_front, among the methods of the
-    same id; dominated_by, the most accurate method on the front that beats it ("" on the front);
-    ratio, of its seconds to those of the most accurate method of all.
+    same id; dominated_by, the most accurate method on the front that beats it ("" on the front).
     ids: name → id; a name that is missing is its own id."""
     costs: Any = np.stack(
         [settings.seconds, settings.error, -settings.observed_percent.fillna(0.0)], axis=1
@@ -69,7 +68,6 @@ def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.D
         on_front=on_front,
         on_own_front=~(beats & (own[:, None] == own)).any(axis=0),
         dominated_by=np.where(on_front, "", names[best]),
-        ratio=settings.seconds / settings.seconds.iloc[error.argmin()],
     )
 
 

@@ -1,6 +1,6 @@
 """Output of `handbench compare`, the comparison of two results: on the terminal and as files."""
 
-from collections.abc import Container
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,10 @@ NOTE = (
 def show(compared: Compared) -> None:
     """Print the comparison of two results A and B on stdout: the metrics that every comparison
     begins with, against the first reference."""
-    p = compared.differences.p_corrected
     print(f"A: {compared.a.folder}\nB: {compared.b.folder}\n")
     terminal(tables(compared, chosen("compare"))[0], "compare.json")
-    print(f"tested differences: {p.count()}, shown (*): {len(_shown(compared))}")
+    tested = compared.differences.p_corrected.count()
+    print(f"tested differences: {tested}, shown (*): {len(shown(compared).texts)}")
     print(f"other settings, versions and inputs: {len(compared.changes)}")
 
 
@@ -39,59 +39,41 @@ def write(compared: Compared, folder: Path) -> None:
     compare.json (everything), compare.md and compare.tex; existing files are replaced."""
     write_csv(folder / "compare.csv", compared.differences, DIFFERENCES)
     write_json(folder / "compare.json", compared.content())
-    write_text(folder / "compare.md", text(compared))
-    write_text(folder / "compare.tex", "\n".join(map(latex, tables(compared))))
+    changes = Table("What else differs", compared.changes.set_index("what"), left=3)
+    every = [*tables(compared), shown(compared), changes]
+    head = f"A: {compared.a.folder}. B: {compared.b.folder}. {compared.basis} {NOTE}"
+    write_text(folder / "compare.md", "\n".join((f"{escaped(head)}\n", *map(markdown, every))))
+    write_text(folder / "compare.tex", "\n".join(map(latex, every)))
 
 
-def text(compared: Compared) -> str:
-    """Return the comparison of two results A and B as Markdown: tables, the differences that are
-    shown in words, and what else differs."""
-    sides = {"A": compared.a, "B": compared.b}
-    names = (f"{side}: {of.folder} ({of.about.name})." for side, of in sides.items())
-    shown = "".join(f"- {escaped(sentence)}\n" for sentence in _shown(compared))
-    changes = compared.changes.set_index("what")
-    return "\n\n".join(
-        (
-            "# A and B side by side",
-            *map(escaped, (*names, compared.basis, NOTE)),
-            *map(markdown, tables(compared)),
-            shown or "No difference is shown.",
-            markdown(Table("What else differs", changes, left=changes.shape[1])),
-        )
-    )
+def shown(compared: Compared) -> Table:
+    """Return the differences that are shown, in words, with p-values."""
+    lines = compared.differences[compared.differences.better != ""]
+    texts = pd.DataFrame({"p": lines.p_corrected.map(p_text)})
+    return Table("Shown differences", texts.set_axis(lines.sentence.tolist()))
 
 
-def _shown(compared: Compared) -> list[str]:
-    return compared.differences.sentence[compared.differences.better != ""].tolist()
-
-
-def tables(compared: Compared, metrics: Container[str] = METRICS) -> list[Table]:
+def tables(compared: Compared, metrics: Iterable[str] = METRICS) -> list[Table]:
     """Return a table for each reference of two results A and B, with a row for each method and a
     column for each of the metrics."""
-    means = compared.differences[compared.differences.capture == ""]
+    lines = compared.differences[compared.differences.metric.isin(list(metrics))]
+    means = lines[lines.capture == ""]
     found = []
-    for reference in means.reference[means.reference != ""].unique():
+    for reference in filter(None, means.reference.unique()):
         cells: dict[str, dict[str, str]] = {}
         for line in each(means[means.reference.isin((reference, ""))]):
-            if line.metric in metrics:
-                heading = f"{line.metric_title} ({line.unit})"
-                cells.setdefault(heading, {})[line.method] = _cell(line)
-        texts = pd.DataFrame(cells, means.method.unique()).fillna(NONE)
-        titles = texts.rename(compared.a.about.method_titles).rename_axis("method")
-        found.append(Table(f"A → B {AGAINST[reference]} (*: shown to differ)", titles))
+            cells.setdefault(f"{line.metric_title} ({line.unit})", {})[line.method] = _cell(line)
+        texts = pd.DataFrame(cells).fillna(NONE).rename(compared.a.about.method_titles)
+        caption = f"A → B {AGAINST[reference]} (*: shown to differ)"
+        found.append(Table(caption, texts.rename_axis("method")))
     return found
 
 
 def _cell(line: Any) -> str:
-    """Return the figures of A and B, and in further lines their difference, its interval and p.
-    line: of the table DIFFERENCES."""
-    a, b = (
-        figure(value, low, high, line.unit).split(" ")[0]
-        for value, low, high in (
-            (line.a, line.a_low, line.a_high),
-            (line.b, line.b_low, line.b_high),
-        )
-    )
-    p = f"p {p_text(line.p_corrected)}" if not line.untested else f"no test: {line.untested}"
-    change = figure(line.difference, line.low, line.high, line.unit)
-    return f"{a}→{b}{'*' if line.better else ''}\n{change}\n{p}"
+    """Return the figures of A and B, and in further lines their difference with its interval, and
+    p. line: of the table DIFFERENCES."""
+    a = figure(line.a, line.a_low, line.a_high, line.unit).split(" ")[0]
+    b = figure(line.b, line.b_low, line.b_high, line.unit).split(" ")[0]
+    star = "*" if line.better else ""
+    difference = figure(line.difference, line.low, line.high, line.unit)
+    return f"{a}→{b}{star}\n{difference}\np {p_text(line.p_corrected)} {line.untested}"

@@ -12,7 +12,6 @@ from handbench.bench.evaluation.front import front, ranked
 from handbench.bench.evaluation.metrics import METRICS, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
-from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.result_folder import Result, best
 from handbench.reports.tables.rounding import NONE, figure, is_known, number, p_text, paper, stacked
 
@@ -56,16 +55,25 @@ class Table:
 
     def rows(self) -> Iterator[list[tuple[str, bool]]]:
         """Yield the cells of each row, its title first, as pairs (text, is it highlighted)."""
-        stars = np.zeros(self.texts.shape, bool) if self.best is None else self.best.to_numpy()
-        for title, texts, highlighted in zip(
-            self.texts.index, self.texts.to_numpy(), stars.tolist(), strict=True
-        ):
-            yield [(title, False), *zip(texts, highlighted, strict=True)]
+        rows = zip(self.texts.itertuples(name=None), self.stars.to_numpy().tolist(), strict=True)
+        for texts, stars in rows:
+            yield [*zip(texts, [False, *stars], strict=True)]
+
+    @property
+    def stars(self) -> pd.DataFrame:
+        """Whether each cell is highlighted."""
+        none = pd.DataFrame(False, self.texts.index, self.texts.columns)
+        return none if self.best is None else self.best
 
     @property
     def turned(self) -> "Table":
         """The table with rows and columns exchanged."""
-        return replace(self, texts=self.texts.T, best=None if self.best is None else self.best.T)
+        return replace(self, texts=self.texts.T, best=self.stars.T)
+
+    def part(self, columns: list[int]) -> "Table":
+        """Return the table with some of its columns."""
+        texts, best = (frame.iloc[:, columns] for frame in (self.texts, self.stars))
+        return replace(self, texts=texts, best=best)
 
 
 def main_lines(result: Result, metrics: Iterable[str] = METRICS) -> pd.DataFrame:
@@ -84,6 +92,7 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
     lines: of the result's table or of `Result.equal`, each metric against one reference."""
     texts: dict[str, dict[str, str]] = {}
     best_names: dict[str, list[str]] = {}
+    lines = lines.dropna(subset="value")
     treatments = lines.get("treatment", pd.Series("", lines.index)).fillna("")
     metrics = pd.Categorical(lines.metric, list(METRICS))
     for (metric, treatment), of_metric in lines.groupby([metrics, treatments], observed=True):
@@ -97,7 +106,7 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
     highlighted = {heading: cells.index.isin(names) for heading, names in best_names.items()}
     titles = cells.rename(result.about.method_titles).rename_axis("method")
     against = AGAINST.get(next(iter(lines.reference), ""), "")
-    return Table(f"Scored {against}", titles, pd.DataFrame(highlighted))
+    return Table(against.capitalize(), titles, pd.DataFrame(highlighted))
 
 
 def _cell(line: Any) -> str:
@@ -113,14 +122,8 @@ def _cell(line: Any) -> str:
 def every_figure(result: Result) -> list[Table]:
     """Return a table for each reference surface of the result, with a row for each metric and a
     column for each method, and one of the methods under equal treatment, if the result has it."""
-    own = result.table.dropna(subset="value").groupby("reference", sort=False)
-    tables = [figures(result, lines) for _, lines in own]
-    if len(result.equal):
-        equal = figures(result, result.equal)
-        few = few_pixels(result.scores, result.scored())
-        caption = "; ".join(filter(None, (f"{equal.caption} under equal treatment", few)))
-        tables.append(replace(equal, caption=caption))
-    return [table.turned for table in tables]
+    own = [lines for _, lines in result.table.groupby("reference", sort=False)]
+    return [figures(result, lines).turned for lines in (*own, result.equal) if len(lines)]
 
 
 def of_paper(result: Result) -> Table | None:
@@ -132,15 +135,9 @@ def of_paper(result: Result) -> Table | None:
         return None
     lines = lines[lines.metric.isin(known.metric) & lines.method.isin(known.method)]
     table = figures(result, lines).turned
-    texts = table.texts.map(_in_brackets)
-    return Table(f"{table.caption}: ours (the paper's)", texts.rename_axis(None))
-
-
-def _in_brackets(cell: str) -> str:
-    """Return a cell's figure and the paper's on one line."""
-    ours, *small = cell.split("\n")
-    theirs = [f" ({line[6:]})" for line in small if line.startswith("paper ")]
-    return "".join((ours, *theirs))
+    small_print = r"(?s)\n(?:\[.*?\]\n)?paper (\S+).*"
+    texts = table.texts.rename_axis(None).replace(small_print, r" (\1)", regex=True)
+    return Table(f"{table.caption}: ours (paper)", texts)
 
 
 def best_of_ours(result: Result, count: int) -> Table | None:
@@ -148,13 +145,14 @@ def best_of_ours(result: Result, count: int) -> Table | None:
     beats in error, time and share seen: at most `count`, the most accurate. None if there are
     none."""
     lines = main_lines(result)
-    unbeaten = front(ranked(front_figures(lines)))
-    ours = unbeaten[~unbeaten.index.isin(lines.method[lines.paper.notna()])]
-    if ours.empty:
+    measured = front_figures(lines)
+    theirs = measured.index.isin(lines.method[lines.paper.notna()])
+    if theirs.all():
         return None
-    shown = main_lines(result, chosen("summary"))
-    table = figures(result, shown[shown.method.isin(ours.nsmallest(count, "error").index)])
-    return Table("", table.texts.rename_axis("our best"))
+    unbeaten = ranked(measured)[~theirs].query("on_front")
+    names = unbeaten.nsmallest(count, "error").index
+    shown = lines[lines.metric.isin(chosen("summary")) & lines.method.isin(names)]
+    return Table("", figures(result, shown).texts.rename_axis("our best")) if len(names) else None
 
 
 def differences(result: Result, main: bool = False) -> Table:

@@ -49,21 +49,18 @@ HTML = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
 </table>
 </div>
 """)
-
-
-def _pairs(text: str) -> dict[str, str]:
-    """Return a dictionary from a text of words, which are keys and values in turn."""
-    words = text.split()
-    return dict(zip(words[::2], words[1::2], strict=True))
-
-
-CHARACTERS = _pairs(r"""
+# characters and what LaTeX prints as them, in turn; accents by their combining characters
+PAIRS = re.findall(
+    r"\S+",
+    r"""
     \ \textbackslash{}   { \{   } \}   & \&   % \%   $ \$   # \#   _ \_   ~ \textasciitilde{}
     ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}
     − $-$   – --   — ---   … \ldots{}   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   ø \o{}   Ø \O{}
     ł \l{}   Ł \L{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$
     ² $^2$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$   σ $\sigma$   Δ $\Delta$
-""")
+""",
+)
+CHARACTERS = dict(zip(PAIRS[::2], PAIRS[1::2], strict=True))
 MARKS = "\u0300\u0301\u0302\u0303\u0304\u0306\u0307\u0308\u030a\u030b\u030c\u0323\u0327"
 ACCENTS = dict(zip(MARKS, "`'^~=u.\"rHvdc", strict=True))
 
@@ -106,42 +103,41 @@ def latex(table: Table, width_pt: float = PAGE_PT) -> str:
     """Return a table as LaTeX floats, as many as are needed for its columns.
     width_pt: at most COLUMN_PT for one column of a page with two. The document needs no package and
     any encoding: characters outside ASCII are written as commands."""
-    texts = 1 + table.left
-    numbers = table.texts.shape[1] - table.left
-    abreast = int((width_pt - texts * (TEXT_PT + GAP_PT)) // (NUMBER_PT + GAP_PT))
-    parts = np.array_split(np.arange(texts, texts + numbers), max(-(-numbers // abreast), 1))
-    return "\n".join(_float(table, [*range(texts), *part], width_pt) for part in parts)
+    texts, numbers = range(table.left), range(table.left, table.texts.shape[1])
+    texts_pt = (1 + table.left) * (TEXT_PT + GAP_PT)
+    abreast = int((width_pt - texts_pt) // (NUMBER_PT + GAP_PT))
+    parts = np.array_split(numbers, max(-(-len(numbers) // abreast), 1))
+    return "\n".join(_float(table.part([*texts, *part]), width_pt) for part in parts)
 
 
-def _float(table: Table, columns: list[int], width_pt: float) -> str:
-    """Return a LaTeX float with some columns of a table; 0 is that of the titles."""
-    texts = 1 + table.left
-    numbers = len(columns) - texts
+def _float(table: Table, width_pt: float) -> str:
+    """Return a table as one LaTeX float."""
+    texts, numbers = 1 + table.left, table.texts.shape[1] - table.left
     text_pt = (width_pt - numbers * (NUMBER_PT + GAP_PT)) / texts - GAP_PT
+    columns = f"p{{{text_pt:.1f}pt}}" * texts + f"p{{{NUMBER_PT}pt}}" * numbers
+    sides = [r"\raggedright"] * texts + [r"\raggedleft"] * numbers
     kind = "table*" if width_pt > COLUMN_PT else "table"
-
-    def row(cells: list[tuple[str, bool]]) -> str:
-        boxes = []
-        for column in columns:
-            wide_pt, side = (NUMBER_PT, "left") if column >= texts else (text_pt, "right")
-            text, best = cells[column]
-            text = _cell(text, best, tex, r"\textbf{%s}", r"{\scriptsize %s}", r"\\")
-            boxes.append(
-                rf"\parbox[t]{{{wide_pt:.1f}pt}}{{\ragged{side}\hspace{{0pt}}{text}\strut}}"
-            )
-        return " & ".join(boxes) + r" \\"
-
-    body = "\n".join(map(row, table.rows()))
+    rows = [
+        " & ".join(
+            rf"{side}\hspace{{0pt}}"
+            + _cell(*cell, tex, r"\textbf{%s}", r"{\scriptsize %s}", r"\\")
+            + r"\strut"
+            for side, cell in zip(sides, row, strict=True)
+        )
+        for row in (((heading, False) for heading in table.headings), *table.rows())
+    ]
+    head, *body = (rf"{row} \tabularnewline" for row in rows)
+    body_text = "\n".join(body)
     return rf"""\begin{{{kind}}}[tp]
 \providecommand{{\toprule}}{{\hline}}\providecommand{{\midrule}}{{\hline}}
 \providecommand{{\bottomrule}}{{\hline}}
 \centering\footnotesize\setlength{{\tabcolsep}}{{{GAP_PT / 2}pt}}
 \caption{{{tex(table.caption)}}}\smallskip
-\begin{{tabular}}{{@{{}}{"l" * texts}{"r" * numbers}@{{}}}}
+\begin{{tabular}}{{@{{}}{columns}@{{}}}}
 \toprule
-{row([(heading, False) for heading in table.headings])}
+{head}
 \midrule
-{body}
+{body_text}
 \bottomrule
 \end{{tabular}}
 \end{{{kind}}}
@@ -172,43 +168,40 @@ def terminal(table: Table, rest: str = "") -> None:
     """Print a table on stdout, without small print and never wider than the terminal (80 characters
     in a pipe). Columns that do not fit beside the others follow below; no number is broken.
     rest: where the rows after the first 20 (ROWS) are."""
-    console, texts = Console(highlight=False), list(range(1 + table.left))
+    console, texts = Console(highlight=False), [*range(table.left)]
     unlimited = console.options.update(width=10_000)
     parts = [texts]
-    for column in range(len(texts), len(table.headings)):
+    for column in range(table.left, table.texts.shape[1]):
         part = [*parts[-1], column]
-        grids = _grid(table, part), _grid(table, part[len(texts) :])
-        wide, of_numbers = (console.measure(grid, options=unlimited).maximum for grid in grids)
-        if wide <= console.width or of_numbers <= console.width / 2 or part == [*texts, column]:
-            parts[-1] = part
-        else:
+        wide = console.measure(_grid(table.part(part)), options=unlimited).maximum > console.width
+        if wide and parts[-1] != texts:
             parts.append([*texts, column])
+        else:
+            parts[-1] = part
     if table.caption:
         console.print(Text(table.caption))
     for part in parts:
-        console.print(_grid(table, part), "")
+        console.print(_grid(table.part(part)), "")
     if (more := len(table.texts) - ROWS) > 0:
         console.print(f"… {more} more in {rest}", markup=False)
 
 
-def notes(*texts: str) -> None:
-    """Print texts on one line of stdout or, if they do not fit, each on its own."""
-    joined = "; ".join(texts)
-    print(joined if len(joined) <= Console().width else "\n".join(texts))
-
-
-def _grid(table: Table, columns: list[int]) -> Grid:
-    """Return some columns of a table for the terminal; 0 is that of the titles. Text may be broken
-    between words, headings of numbers after about 12 characters (HEADING), numbers nowhere."""
+def _grid(table: Table) -> Grid:
+    """Return a table for the terminal. Text may be broken between words, headings of numbers after
+    about 12 characters (HEADING), numbers nowhere."""
     grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for column in columns:
-        heading = table.headings[column]
+    for column, heading in enumerate(table.headings):
         if column <= table.left:
             grid.add_column(Text(heading), overflow="fold")
         else:
             heading = fill(heading, HEADING, break_long_words=False)
             grid.add_column(Text(heading), justify="right", no_wrap=True)
     for row in [*table.rows()][:ROWS]:
-        cells = (row[column] for column in columns)
-        grid.add_row(*(Text(text.split("\n")[0], "bold" * best) for text, best in cells))
+        grid.add_row(*(Text(text.split("\n")[0], "bold" * best) for text, best in row))
     return grid
+
+
+def notes(*texts: str) -> None:
+    """Print texts on one line of stdout or, if they do not fit, each on its own."""
+    joined = "; ".join(texts)
+    print(joined if len(joined) <= Console().width else "\n".join(texts))

@@ -43,7 +43,6 @@ def test_the_front_names_what_dominates_of_all_and_of_one_method():
     assert front(ranked).index.tolist() == ["fast", "slow"]
     assert ranked.dominated_by.tolist() == ["", "", "slow", "slow"]
     assert ranked.on_own_front.tolist() == [True, True, False, True]
-    assert ranked.ratio["fast"] == pytest.approx(0.02 / 0.3)
 
 
 def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():

@@ -107,7 +107,7 @@ def test_the_figures_of_table_csv_are_in_the_latex(result):
     with (result.folder / "table.csv").open(encoding="utf-8") as stream:
         lines = [line for line in csv.DictReader(stream) if line["value"]]
     for line in lines:
-        caption = f"Scored {table.AGAINST[line['reference']]}"
+        caption = table.AGAINST[line["reference"]].capitalize()
         title = writers.tex(f"{result.title(line['metric'])} ({line['unit']})")
         figure = printed[caption, title, result.about.method_titles[line["method"]]]
         half = 0.5 * 10.0 ** -len(figure.partition(".")[2])

@@ -32,7 +32,7 @@ def evil(result):
 def test_every_reference_has_a_table_with_the_papers_figures_and_the_floor(result):
     every = tables.every_figure(result)
     assert [table.caption for table in every] == [
-        f"Scored {tables.AGAINST[reference]}" for reference in ("photogrammetry", "truth")
+        tables.AGAINST[reference].capitalize() for reference in ("photogrammetry", "truth")
     ]
     for table, floor in zip(every, ("0.13", "0"), strict=True):
         texts = table.texts
