@@ -1,6 +1,7 @@
 """The top of a report: what the figures say in three lines, the table of the methods' main figures,
 and a small table of each capture."""
 
+import math
 from dataclasses import replace
 from itertools import combinations
 from typing import Any
@@ -14,7 +15,7 @@ from handbench.bench.results.about import CaptureFacts, MethodFacts
 from handbench.bench.results.result_folder import Result, best
 from handbench.reports.figures.references import drawn_references
 from handbench.reports.tables.rounding import figure
-from handbench.reports.tables.table import AGAINST, Table, figures, main_lines
+from handbench.reports.tables.table import Table, figures, main_lines
 
 SMOOTHED = "window"  # the equal treatment in the main table
 
@@ -115,18 +116,10 @@ def _order_of_paper(result: Result) -> str:
 
 def capture_table(result: Result, capture: CaptureFacts) -> Table:
     """Return the table of one capture: those of the main metrics that it has, of every method."""
-    reference = drawn_references([capture])[0]
-    scores, titles = result.scores, result.about.method_titles
-    lines = scores[(scores.capture == capture.name) & (scores.reference == reference)]
+    scores = result.scores
+    lines = scores[(scores.capture == capture.name) & scores.metric.isin(chosen("summary"))]
     lines = lines[(lines.treatment == "") & (lines.frame == 0)]
-    values = lines.pivot(index="method", columns="metric", values="value")
-    values = values.reindex([name for name in titles if name in values.index])
-    texts = {}
-    for metric in chosen("summary"):
-        if metric in values:
-            unit = result.about.metrics[metric].unit
-            texts[f"{result.title(metric)} ({unit})"] = [
-                figure(v, unit=unit) for v in values[metric]
-            ]
-    index = values.index.map(titles).rename("method")
-    return Table(AGAINST[reference].capitalize(), pd.DataFrame(texts, index))
+    lines = lines[lines.reference == drawn_references([capture])[0]].dropna(subset="value")
+    units = {key: metric.unit for key, metric in result.about.metrics.items()}
+    lines = lines.assign(low=math.nan, high=math.nan, unit=lines.metric.map(units))
+    return replace(figures(result, lines), best=None)
