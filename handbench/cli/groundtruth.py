@@ -5,9 +5,9 @@ import argparse
 import json
 
 from handbench.cli.options import free
+from handbench.interface import MESHES
 from handbench.support.errors import HandbenchError
 
-MESH_SUFFIXES = (".ply", ".obj", ".stl")
 MILLIMETRE_M = 1e-3
 
 
@@ -16,7 +16,7 @@ def run(options: argparse.Namespace) -> None:
     metres, and write it (-o).
     Prints a summary as JSON."""
     free(options.out, options.overwrite)
-    if options.photos.suffix.lower() in MESH_SUFFIXES and not options.photos.is_dir():
+    if options.photos.suffix.lower() in MESHES and not options.photos.is_dir():
         _take_over(options)
         return
     if options.unit is not None:

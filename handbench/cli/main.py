@@ -15,8 +15,17 @@ from importlib.metadata import version
 from handbench.cli.options import COMMANDS, add_options, declared_commands
 from handbench.support.errors import HandbenchError
 
-FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES}
-GONE = {errno.ENOENT, errno.ENOTDIR, errno.ESTALE, errno.EIO}  # while a command works
+DISK = {  # errors of a disk that is full, write-protected or gone
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EFBIG,
+    errno.EROFS,
+    errno.EACCES,
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.ESTALE,
+    errno.EIO,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,23 +65,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         return 2
     except OSError as error:
-        if error.errno == errno.ENOENT and error.filename is None:  # of tempfile
-            print(
-                "handbench: no folder for temporary files is writable; set TMPDIR to a writable "
-                "folder",
-                file=sys.stderr,
-            )
-            return 2
-        if error.errno not in (FULL | GONE if error.filename else FULL):
+        if error.errno not in DISK:
             raise
         _drain()
-        where = error.filename or f"the output or {os.environ.get('TMPDIR', '/tmp')}"
-        advice = (
-            "free space on the disk, or choose another place"
-            if error.errno in FULL
-            else "the file or folder has disappeared; check that its disk is still connected"
+        print(
+            f"handbench: {error.filename or 'output or temporary files'}: {error.strerror}; free "
+            "space on the disk, choose another place (for temporary files set TMPDIR), or check "
+            "that the disk is still connected",
+            file=sys.stderr,
         )
-        print(f"handbench: {where}: {error.strerror}; {advice}", file=sys.stderr)
         return 2
     return 0
 

@@ -57,20 +57,19 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
     options: names, separated by commas → keywords. These are the keywords of argparse's
     `add_argument`, and besides: type, a name in TYPES; group, the heading in the help; either, a
     word shared by options of which only one may be given; ends, the allowed suffixes of a path."""
-    groups: dict[str, argparse._ActionsContainer] = {}
+    group = cache(command.add_argument_group)
+    either = cache(lambda _: command.add_mutually_exclusive_group())
     for names, keywords in options.items():
-        facts: dict[str, Any] = {
-            key: TYPES[value] if key == "type" else value for key, value in keywords.items()
-        }
-        if ends := facts.pop("ends", None):
-            facts["type"] = partial(_ending, ends)
+        facts = dict(keywords)
+        if "type" in facts:
+            facts["type"] = TYPES[facts["type"]]
+        if "ends" in facts:
+            facts["type"] = partial(_ending, facts.pop("ends"))
         place: argparse._ActionsContainer = command
-        if group := facts.pop("group", None):
-            place = groups.get(group) or groups.setdefault(group, command.add_argument_group(group))
-        if either := facts.pop("either", None):
-            place = groups.get(either) or groups.setdefault(
-                either, command.add_mutually_exclusive_group()
-            )
+        if "group" in facts:
+            place = group(facts.pop("group"))
+        if "either" in facts:
+            place = either(facts.pop("either"))
         argument = place.add_argument(*names.split(", "), **facts)
         if names == "--method":
             vars(argument)["completer"] = method_ids
