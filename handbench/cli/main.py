@@ -40,42 +40,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
     options = known.parse_args(arguments)
+    code = 2
     try:
         with _device(options):
             import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()
-    except HandbenchError as error:
-        print(f"handbench: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(
-            "handbench: interrupted; no file is half-written, and the same `run` command resumes "
-            "the run",
-            file=sys.stderr,
-        )
-        return 130
+        return 0
     except BrokenPipeError:
         _drain()  # the reader went away; so do we
         return 141
+    except HandbenchError as error:
+        message = str(error)
+    except KeyboardInterrupt:
+        code = 130
+        message = "interrupted; no file is half-written, and the same `run` command resumes the run"
     except MemoryError as error:
-        print(
-            f"handbench: out of memory ({error}); close other programs, or use fewer pixels, "
-            "tones or frames",
-            file=sys.stderr,
+        message = (
+            f"out of memory ({error}); close other programs, or use fewer pixels, tones or frames"
         )
-        return 2
     except OSError as error:
         if error.errno not in DISK:
             raise
         _drain()
-        print(
-            f"handbench: {error.filename or 'output or temporary files'}: {error.strerror}; free "
-            "space on the disk, choose another place (for temporary files set TMPDIR), or check "
-            "that the disk is still connected",
-            file=sys.stderr,
+        message = (
+            f"{error.filename or 'output or temporary files'}: {error.strerror}; free space on the "
+            "disk, choose another place (for temporary files set TMPDIR), or check that the disk "
+            "is still connected"
         )
-        return 2
-    return 0
+    print(f"handbench: {message}", file=sys.stderr)
+    return code
 
 
 def _drain() -> None:

@@ -3,7 +3,7 @@ overwritten by mistake."""
 
 import argparse
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from functools import cache, partial
 from pathlib import Path
@@ -30,6 +30,11 @@ def _ending(ends: Sequence[str], text: str) -> Path:
     return Path(text)
 
 
+def names(text: str) -> tuple[str, ...]:
+    """Convert an option's text, names separated by commas."""
+    return tuple(map(str.strip, text.split(",")))
+
+
 def numbers(text: str) -> tuple[float, ...]:
     """Convert an option's text, numbers separated by commas."""
     return tuple(map(float, text.split(",")))
@@ -42,7 +47,14 @@ def method_ids(**_: object) -> list[str]:
     return [method.id for method in methods()]
 
 
-TYPES = {"int": int, "float": float, "path": Path, "positive": positive, "numbers": numbers}
+TYPES: dict[str, Callable[[str], Any]] = {
+    "int": int,
+    "float": float,
+    "path": Path,
+    "positive": positive,
+    "names": names,
+    "numbers": numbers,
+}
 
 
 @cache
@@ -73,11 +85,6 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
         argument = place.add_argument(*names.split(", "), **facts)
         if names == "--method":
             vars(argument)["completer"] = method_ids
-
-
-def names(text: str | None) -> tuple[str, ...]:
-    """Return the names that an option's text lists, separated by commas; none for None."""
-    return tuple(name.strip() for name in text.split(",")) if text else ()
 
 
 def set_values(values: dict[str, Any], settings: Sequence[str], example: str) -> None:

@@ -18,9 +18,8 @@ def run(options: argparse.Namespace) -> None:
     """Run a benchmark, or resume an interrupted run, and print the main figures at the end."""
     from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import runner
-    from handbench.cli.options import names
 
-    bench, base = load_benchmark(options.bench, names(options.only))
+    bench, base = load_benchmark(options.bench, options.only)
     command = f"handbench run {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
     show(result, options.out)

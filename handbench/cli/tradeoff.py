@@ -5,7 +5,6 @@ import argparse
 import math
 import re
 
-from handbench.cli.options import names
 from handbench.support.errors import HandbenchError
 
 LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
@@ -29,7 +28,7 @@ def run(options: argparse.Namespace) -> None:
 
     max_error_mm = quantity(options.max_mae, LENGTHS, "--max-mae")
     max_seconds = quantity(options.max_time, TIMES, "--max-time")
-    bench, base = load_tradeoff(options.bench, names(options.only))
+    bench, base = load_tradeoff(options.bench, options.only)
     command = f"handbench tradeoff {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, command=command)
     for metric, ranked in ranked_methods(result).items():
