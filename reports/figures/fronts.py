@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from handbench.bench.evaluation.front import SURFACE, front, fronts
+from handbench.bench.evaluation.front import front, fronts
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.results.about import titles
 from handbench.bench.results.result_folder import Result
@@ -29,12 +29,6 @@ from handbench.reports.tables.rounding import figure
 
 LINE_IN = 0.165  # of a legend
 LABEL_SHARE = np.array([0.08, 0.04])  # of the axes' width and height that a label takes
-
-
-def is_swept(result: Result) -> bool:
-    """Tell whether a result compares several settings of a method, or of the ground truth."""
-    ids = [method.id for method in result.about.methods]
-    return len(set(ids)) < len(ids) or SURFACE in set(result.scores.metric)
 
 
 def ranked_methods(result: Result) -> dict[str, pd.DataFrame]:

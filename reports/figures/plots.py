@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.metrics import HEADLINE
 from handbench.bench.results.result_folder import Result
-from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
+from handbench.reports.figures.fronts import pictures, ranked_methods
 from handbench.reports.figures.motion import error_over_frames, errors_of_maps, errors_over_speed
 from handbench.reports.figures.references import DRAWN, drawn_references
 from handbench.reports.figures.style import (
@@ -49,10 +49,10 @@ def plot(result: Result, kind: str) -> Figure:
 
 
 def overview(result: Result) -> Iterator[Picture]:
-    """Yield all figures of a result that it has data for, but for the settings' errors over time,
-    which have a section of the report."""
+    """Yield all figures of a result that it has data for."""
+    yield from pictures(result)
     for kind, (has_data, _, picture) in KINDS.items():
-        if has_data(result) and not (kind == "time" and is_swept(result)):
+        if kind != "time" and has_data(result):
             yield picture(result)
 
 

@@ -15,7 +15,7 @@ from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures import plots
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.film import film
-from handbench.reports.figures.fronts import is_swept, pictures, ranked_methods
+from handbench.reports.figures.fronts import ranked_methods
 from handbench.reports.figures.layers import SIGNED
 from handbench.reports.figures.style import methods
 from handbench.reports.page import rendering, scene3d, sections, summary
@@ -86,6 +86,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
         old.unlink()
     pages, captures = by_page(result.scored()), _drawn(result, out / "figures")
     first = list(islice(captures, len(pages[FIRST])))
+    titles = result.about.method_titles
     shared = {"about": result.about, "pages": pages, "methods": methods(result)}
     shared |= {"shown": main_method(result), "scales": scene3d.scales()}
     for path in list(pages)[1:]:
@@ -102,24 +103,13 @@ def build(folder: str | Path, out: str | Path) -> Path:
             note=NOTE,
             every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
-            tradeoff=tradeoff(result, out / "figures"),
+            settings=[settings(*ranked, titles) for ranked in ranked_methods(result).items()],
             tests=tests,
             details=sections.details(result),
             **shared,
         ),
     )
     return out / FIRST
-
-
-def tradeoff(result: Result, folder: Path) -> list[tuple[Image, Table]]:
-    """Draw accuracy against time into `folder`. Returns a picture and a table of the settings for
-    each error (of depth maps, of reconstructed surfaces); nothing for a result without several
-    settings."""
-    if not is_swept(result):
-        return []
-    titles = result.about.method_titles
-    tables = [settings(*item, titles) for item in ranked_methods(result).items()]
-    return list(zip(rendering.images(lambda: pictures(result), folder), tables, strict=True))
 
 
 def by_page(captures: Sequence[CaptureFacts]) -> dict[str, Sequence[CaptureFacts]]:

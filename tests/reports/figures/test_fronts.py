@@ -1,4 +1,4 @@
-"""The section "Accuracy against time" of a report, and its pictures."""
+"""Pictures and tables of accuracy against time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from handbench.bench.results.result_folder import load
 from handbench.reports.figures import fronts
-from handbench.reports.page import html, rendering
+from handbench.reports.tables.table import settings
 from tests.reports.synthetic_result import METHODS, write_synthetic
 
 MESHES = {
@@ -16,20 +16,16 @@ MESHES = {
 }
 
 
-def test_several_settings_of_a_method_have_a_section(tmp_path):
+def test_each_error_has_a_picture_and_a_table(tmp_path):
     methods = {"3fsk": METHODS["3fsk"], "3fsk-slow": ("3-FSK, slow", 2.0, 1.0)}
     folder = write_synthetic(tmp_path / "r", ("B",), methods, ("truth",), 6e-3, meshes=MESHES)
-    result, out = load(folder), tmp_path / "out"
-    rendering.begin(out)
-    (image, settings), (_, surfaces) = html.tradeoff(result, out / "figures")
-    assert image.stem == "front_mae_mm" and (out / "figures" / "front_mae_mm.png").is_file()
-    assert settings.texts.index.tolist() == ["3-FSK", "3-FSK, slow"]
-    assert surfaces.texts.iloc[:, 0].to_dict() == {"5.0-views": "1", "8.0-views": "2"}
-
-
-def test_different_methods_alone_have_none(tmp_path):
-    folder = write_synthetic(tmp_path / "r", ("B",), METHODS, ("truth",), 6e-3)
-    assert html.tradeoff(load(folder), tmp_path) == []
+    result = load(folder)
+    stems = [picture.stem for picture in fronts.pictures(result)]
+    assert stems == ["front_mae_mm", "front_surface_rms_mm"]
+    ranked = fronts.ranked_methods(result).items()
+    depths, surfaces = (settings(*item, result.about.method_titles).texts for item in ranked)
+    assert depths.index.tolist() == ["3-FSK", "3-FSK, slow"]
+    assert surfaces.iloc[:, 0].to_dict() == {"5.0-views": "1", "8.0-views": "2"}
 
 
 def test_points_that_lie_together_share_a_label():
