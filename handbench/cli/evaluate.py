@@ -17,27 +17,23 @@ def run(options: argparse.Namespace) -> None:
     """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal,
     otherwise as JSON.
     Warnings are printed first, on stderr."""
-    from handbench.bench.datasets.dataset import open_capture
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.evaluation.scoring_protocols import protocol
-    from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.validation.checks import figure_warnings, map_warnings
     from handbench.bench.validation.mistakes import misplacement_warnings
     from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.interface import Capture, Depth
     from handbench.radar.data.depthmap import load_depthmap
-    from handbench.radar.data.grid import PixelGrid
     from handbench.support.progress import say
 
     if options.plot is not None:
         free(options.plot, options.overwrite)
-    depth = load_depthmap(options.depth)
-    transform, surface = load_any_transform(options.transform), read_surface(options.mesh)
-    recorded = None if options.capture is None else open_capture(options.capture)
-    reference = reference_of_surface(surface, transform, PixelGrid(depth.x_m, depth.y_m))
-    scores = score(depth, reference, protocol(options.protocol), recorded)
-    errors, values = scores.errors, scores.figures
-    warnings = misplacement_warnings(depth, surface.moved(transform))  # with a remedy
+    depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
+    capture = None if options.capture is None else Capture(options.capture)
+    score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
+    values = score.values
+    surface = read_surface(options.mesh).moved(transform)
+    warnings = misplacement_warnings(depth, surface)  # with a remedy
     warnings += [*map_warnings(depth), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(values)}
     if transform.refined:
@@ -48,7 +44,7 @@ def run(options: argparse.Namespace) -> None:
         from handbench.reports.figures.depth_maps import methods_figure
         from handbench.reports.figures.style import save
 
-        save(methods_figure([(depth.method, depth.z_m, errors)]), options.plot)
+        save(methods_figure([(depth.method, depth.z_m, score.errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
         print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
     else:

@@ -41,8 +41,10 @@ def run(options: argparse.Namespace) -> None:
         elif options.name in entries:
             _print_in_full(entries[options.name])
         else:
-            known = suggest(options.name, list(entries))
-            raise HandbenchError(f"list {section}: has no '{options.name}'; {known}")
+            hint = suggest(options.name, list(entries))
+            raise HandbenchError(f"list {section}: has no '{options.name}'; {hint}")
+    if options.section is None:
+        print("one of them in full: handbench list methods 3fsk")
 
 
 def _print_lines(section: str, entries: list[Entry]) -> None:

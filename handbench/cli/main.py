@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from importlib.metadata import version
 
-from handbench.cli.options import COMMANDS, add_options, declared_commands
+from handbench.cli.options import COMMANDS, add_options
 from handbench.support.errors import HandbenchError
 
 DISK = {  # errors of a disk that is full, write-protected or gone
@@ -97,7 +97,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="handbench", description=purpose)
     top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, entry in declared_commands(COMMANDS).items():
+    for name, entry in COMMANDS.items():
         command = commands.add_parser(name, help=entry["help"], description=entry["help"])
         add_options(command, entry["options"])
         command.set_defaults(module=entry.get("module", name))

@@ -11,7 +11,10 @@ from typing import Any
 
 from handbench.support.errors import HandbenchError
 
-COMMANDS = Path(__file__).with_name("commands.toml")
+# name → help and options, as commands.toml declares them
+COMMANDS: dict[str, dict[str, Any]] = tomllib.loads(
+    Path(__file__).with_name("commands.toml").read_text("utf-8")
+)
 
 
 def positive(text: str) -> int:
@@ -55,13 +58,6 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "names": names,
     "numbers": numbers,
 }
-
-
-@cache
-def declared_commands(file: Path) -> dict[str, dict[str, Any]]:
-    """Read a file that declares commands, such as commands.toml: name of a command → its help and
-    its options."""
-    return tomllib.loads(file.read_text("utf-8"))
 
 
 def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[str, Any]]) -> None:
@@ -120,17 +116,15 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
     written: patterns of the names of the files that the command writes; the first one is in every
     folder that it wrote."""
     free(path, overwrite)
-    if not path.exists():
-        return
-    if not (path / written[0]).is_file():
+    if path.exists() and not (path / written[0]).is_file():
         raise HandbenchError(
             f"{path}: has no {written[0]}, so this command did not make this folder and does not "
             "overwrite it; choose another folder"
         )
     for file in sorted(path.rglob("*")):
         name = file.relative_to(path).as_posix()
-        kept = file.is_symlink() or not file.is_dir()
-        if kept and not any(fnmatchcase(name, pattern) for pattern in written):
+        folder = file.is_dir() and not file.is_symlink()
+        if not folder and not any(fnmatchcase(name, pattern) for pattern in written):
             raise HandbenchError(
                 f"{path}: has a file {name} that this command did not write; move the file away, "
                 "or choose another folder"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,6 @@ from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 
-BUILT_IN: dict[str, Callable[[], Target | Board]] = {"target": default_target, "stand": stand_board}
 VIEWED_PX = 320  # of a mesh, along each side
 RANGES = 2000  # of a range profile
 FARTHEST_M = 1.5  # of a range profile
@@ -99,9 +97,10 @@ def _seen_from(mesh: Surface) -> tuple[str, np.ndarray]:
 
 def _draw(path: Path, out: Path) -> None:
     """Write a board or a calibration target as a drawing at true scale (.pdf), or as its
-    description (.toml). path: its description, or the name of a built-in one (BUILT_IN)."""
-    if str(path) in BUILT_IN:
-        values = BUILT_IN[str(path)]().model_dump(exclude_none=True)
+    description (.toml). path: its description, or target or stand, which are built in."""
+    built_in = {"target": default_target(), "stand": stand_board()}.get(str(path))
+    if built_in is not None:
+        values = built_in.model_dump(exclude_none=True)
     else:
         values = read_toml(path, "board.toml or target.toml")
     title = f"{path.name!a}, at true scale"

@@ -78,7 +78,8 @@ def show(rows: tuple[Choice, ...]) -> None:
         "level (dB)": table.level_db.map(figure),
         "time (s)": table.seconds.map(figure),
     }
-    texts = pd.DataFrame(sizes).pipe(lambda cells: cells.loc[:, (cells != NONE).any()])
+    texts = pd.DataFrame(sizes)
+    texts = texts.loc[:, (texts != NONE).any()]
     texts.insert(0, "", table.on.map({True: "on", False: NONE}))
     shown = (texts != NONE).any(axis=1)
     terminal(Table("", texts[shown], left=1))
