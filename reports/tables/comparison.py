@@ -29,8 +29,8 @@ def show(compared: Compared) -> None:
     begins with, against the first reference."""
     print(f"A: {compared.a.folder}\nB: {compared.b.folder}\n")
     terminal(tables(compared, chosen("compare"))[0], "compare.json")
-    tested = compared.differences.p_corrected.count()
-    print(f"tested differences: {tested}, shown (*): {len(shown(compared).texts)}")
+    tested, better = compared.differences.p_corrected.count(), compared.differences.better
+    print(f"tested differences: {tested}, shown (*): {(better != '').sum()}")
     print(f"other settings, versions and inputs: {len(compared.changes)}")
 
 
@@ -40,17 +40,10 @@ def write(compared: Compared, folder: Path) -> None:
     write_csv(folder / "compare.csv", compared.differences, DIFFERENCES)
     write_json(folder / "compare.json", compared.content())
     changes = Table("What else differs", compared.changes.set_index("what"), left=3)
-    every = [*tables(compared), shown(compared), changes]
+    every = [*tables(compared), changes]
     head = f"A: {compared.a.folder}. B: {compared.b.folder}. {compared.basis} {NOTE}"
     write_text(folder / "compare.md", "\n".join((f"{escaped(head)}\n", *map(markdown, every))))
     write_text(folder / "compare.tex", "\n".join(map(latex, every)))
-
-
-def shown(compared: Compared) -> Table:
-    """Return the differences that are shown, in words, with p-values."""
-    lines = compared.differences[compared.differences.better != ""]
-    texts = pd.DataFrame({"p": lines.p_corrected.map(p_text)})
-    return Table("Shown differences", texts.set_axis(lines.sentence.tolist()))
 
 
 def tables(compared: Compared, metrics: Iterable[str] = METRICS) -> list[Table]:
@@ -58,15 +51,15 @@ def tables(compared: Compared, metrics: Iterable[str] = METRICS) -> list[Table]:
     column for each of the metrics."""
     lines = compared.differences[compared.differences.metric.isin(list(metrics))]
     means = lines[lines.capture == ""]
-    found = []
+    of_references = []
     for reference in filter(None, means.reference.unique()):
         cells: dict[str, dict[str, str]] = {}
         for line in each(means[means.reference.isin((reference, ""))]):
             cells.setdefault(f"{line.metric_title} ({line.unit})", {})[line.method] = _cell(line)
         texts = pd.DataFrame(cells).fillna(NONE).rename(compared.a.about.method_titles)
         caption = f"A → B {AGAINST[reference]} (*: shown to differ)"
-        found.append(Table(caption, texts.rename_axis("method")))
-    return found
+        of_references.append(Table(caption, texts.rename_axis("method")))
+    return of_references
 
 
 def _cell(line: Any) -> str:

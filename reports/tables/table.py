@@ -1,6 +1,6 @@
 """A table of texts, and the tables of a result: its figures beside the paper's, and its tests."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ PAIRS = (  # the main ones
 NOTE = (
     "Each figure is formed for each capture and then averaged, but for the pooled ones. Small "
     "print: its 95 % confidence interval, the paper's figure, and the ratio of ours to it. "
-    "Highlighted: the best figure and all that are not shown to be worse (paired test on the same "
+    "★: the best figure and all that are not shown to be worse (paired test on the same "
     "captures). p is corrected for all pairs of a metric (Holm); the effect is the difference over "
     "the standard deviation of the paired differences."
 )
@@ -40,12 +40,10 @@ class Table:
     """A table of texts, as every writer prints it.
     texts: formatted cells, with the titles of the rows in the index and the headings in the
     columns; the first line of a cell or title is the figure or name, further lines are small print.
-    best: highlighted cells, bool, of the same shape (None: no cell). left: number of columns with
-    text, aligned left, before those with numbers."""
+    left: number of columns with text, aligned left, before those with numbers."""
 
     caption: str
     texts: pd.DataFrame
-    best: pd.DataFrame | None = None
     left: int = 0
 
     @property
@@ -53,27 +51,15 @@ class Table:
         """The headings of the columns, that of the row titles first."""
         return [str(self.texts.index.name or ""), *map(str, self.texts.columns)]
 
-    def rows(self) -> Iterator[list[tuple[str, bool]]]:
-        """Yield the cells of each row, its title first, as pairs (text, is it highlighted)."""
-        rows = zip(self.texts.itertuples(name=None), self.stars.to_numpy().tolist(), strict=True)
-        for texts, stars in rows:
-            yield [*zip(texts, [False, *stars], strict=True)]
-
     @property
-    def stars(self) -> pd.DataFrame:
-        """Whether each cell is highlighted."""
-        none = pd.DataFrame(False, self.texts.index, self.texts.columns)
-        return none if self.best is None else self.best
+    def rows(self) -> list[tuple[str, ...]]:
+        """The cells of each row, its title first."""
+        return list(self.texts.itertuples(name=None))
 
     @property
     def turned(self) -> "Table":
         """The table with rows and columns exchanged."""
-        return replace(self, texts=self.texts.T, best=self.stars.T)
-
-    def part(self, columns: list[int]) -> "Table":
-        """Return the table with some of its columns."""
-        texts, best = (frame.iloc[:, columns] for frame in (self.texts, self.stars))
-        return replace(self, texts=texts, best=best)
+        return replace(self, texts=self.texts.T)
 
 
 def main_lines(result: Result, metrics: Iterable[str] = METRICS) -> pd.DataFrame:
@@ -86,27 +72,28 @@ def main_lines(result: Result, metrics: Iterable[str] = METRICS) -> pd.DataFrame
 
 def figures(result: Result, lines: pd.DataFrame) -> Table:
     """Return figures as a table with a row for each method and a column for each metric and
-    treatment. Below a figure are its interval, the paper's figure and
-    the ratio of both. Highlighted are the best of the tested figures and all that are not shown to
-    be worse, unless all are.
+    treatment. Below a figure are its interval, the paper's figure and the ratio of both. A star
+    marks the best of the tested figures and all that are not shown to be worse, unless all are.
     lines: of the result's table or of `Result.equal`, each metric against one reference."""
     texts: dict[str, dict[str, str]] = {}
-    best_names: dict[str, list[str]] = {}
     lines = lines.dropna(subset="value")
     treatments = lines.get("treatment", pd.Series("", lines.index)).fillna("")
     metrics = pd.Categorical(lines.metric, list(METRICS))
-    for (metric, treatment), of_metric in lines.groupby([metrics, treatments], observed=True):
+    groups: dict[Any, pd.DataFrame] = dict(
+        iter(lines.groupby([metrics, treatments], observed=True))
+    )
+    for (metric, treatment), of_metric in groups.items():
         words = f"{on_common_pixels(metric)}, {TREATMENTS[treatment]}" if treatment else ""
         heading = f"{result.title(metric)}{words} ({of_metric.unit.iloc[0]})"
-        texts[heading] = {line.method: _cell(line) for line in each(of_metric)}
         tests = result.compared(metric, of_metric.reference.iloc[0], treatment)
         names = best(tests)
-        best_names[heading] = [] if tests.worse.isin(names).all() else names
-    cells = pd.DataFrame(texts).fillna(NONE)
-    highlighted = {heading: cells.index.isin(names) for heading, names in best_names.items()}
-    titles = cells.rename(result.about.method_titles).rename_axis("method")
+        stars = dict.fromkeys(() if tests.worse.isin(names).all() else names, "★ ")
+        texts[heading] = {
+            line.method: stars.get(line.method, "") + _cell(line) for line in each(of_metric)
+        }
+    titles = pd.DataFrame(texts).fillna(NONE).rename(result.about.method_titles)
     against = AGAINST.get(next(iter(lines.reference), ""), "")
-    return Table(against.capitalize(), titles, pd.DataFrame(highlighted))
+    return Table(against.capitalize(), titles.rename_axis("method"))
 
 
 def _cell(line: Any) -> str:

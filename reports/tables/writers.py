@@ -4,6 +4,7 @@ import html as standard
 import re
 import unicodedata
 from collections.abc import Callable
+from dataclasses import replace
 from textwrap import fill
 
 import jinja2
@@ -33,14 +34,13 @@ HTML = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
 <th scope="col" class="{{ 'text' if loop.index0 <= table.left else 'number' }}">{{ heading }}</th>
 {%- endfor %}</tr></thead>
 <tbody>
-{% for row in table.rows() %}
+{% for row in table.rows %}
 <tr>
-{% for text, best in row %}
+{% for text in row %}
 {% set lines, tag = text.split("\n"), "th" if loop.first else "td" %}
 <{{ tag }}{{ ' scope="row"' | safe if loop.first }} class="
 {{- 'text' if loop.index0 <= table.left else 'number' }}">
-{%- if best %}<b><span class="star" role="img" aria-label="not shown to be beaten:">★</span>&nbsp;
-{{- lines[0] }}</b>{% else %}{{ lines[0] }}{% endif %}
+{{- lines[0] }}
 {%- for line in lines[1:] %} <small>{{ line }}</small>{% endfor %}</{{ tag }}>
 {% endfor %}
 </tr>
@@ -57,7 +57,7 @@ PAIRS = re.findall(
     ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}
     − $-$   – --   — ---   … \ldots{}   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   ø \o{}   Ø \O{}
     ł \l{}   Ł \L{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$
-    ² $^2$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$   σ $\sigma$   Δ $\Delta$
+    ² $^2$   ★ $\star$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$   σ $\sigma$   Δ $\Delta$
 """,
 )
 CHARACTERS = dict(zip(PAIRS[::2], PAIRS[1::2], strict=True))
@@ -70,8 +70,8 @@ def markdown(table: Table) -> str:
     numbers = table.texts.shape[1] - table.left
     head = " | ".join(map(escaped, table.headings))
     lines = [f"| {head} |", "|" + "---|" * (1 + table.left) + "--:|" * numbers]
-    for row in table.rows():
-        cells = (_cell(text, best, escaped, "**%s**", "*%s*", " ") for text, best in row)
+    for row in table.rows:
+        cells = (_cell(text, escaped, "*%s*", " ") for text in row)
         lines.append(f"| {' | '.join(cells)} |")
     heading = f"## {escaped(table.caption)}\n\n" if table.caption else ""
     return heading + "\n".join(lines) + "\n"
@@ -85,13 +85,11 @@ def escaped(text: str) -> str:
     )
 
 
-def _cell(
-    text: str, best: bool, escape: Callable[[str], str], bold: str, small: str, between: str
-) -> str:
-    """Return a cell in Markdown or LaTeX, whose characters `escape` escapes. bold, small: forms of
-    a highlighted figure and of small print; between: what joins its lines."""
+def _cell(text: str, escape: Callable[[str], str], small: str, between: str) -> str:
+    """Return a cell in Markdown or LaTeX, whose characters `escape` escapes. small: form of small
+    print; between: what joins its lines."""
     first, *further = map(escape, text.split("\n"))
-    return between.join((bold % first if best else first, *(small % line for line in further)))
+    return between.join((first, *(small % line for line in further)))
 
 
 def html(table: Table) -> Markup:
@@ -107,7 +105,12 @@ def latex(table: Table, width_pt: float = PAGE_PT) -> str:
     texts_pt = (1 + table.left) * (TEXT_PT + GAP_PT)
     abreast = int((width_pt - texts_pt) // (NUMBER_PT + GAP_PT))
     parts = np.array_split(numbers, max(-(-len(numbers) // abreast), 1))
-    return "\n".join(_float(table.part([*texts, *part]), width_pt) for part in parts)
+    return "\n".join(_float(_part(table, [*texts, *part]), width_pt) for part in parts)
+
+
+def _part(table: Table, columns: list[int]) -> Table:
+    """Return a table with some of its columns."""
+    return replace(table, texts=table.texts.iloc[:, columns])
 
 
 def _float(table: Table, width_pt: float) -> str:
@@ -119,12 +122,10 @@ def _float(table: Table, width_pt: float) -> str:
     kind = "table*" if width_pt > COLUMN_PT else "table"
     rows = [
         " & ".join(
-            rf"{side}\hspace{{0pt}}"
-            + _cell(*cell, tex, r"\textbf{%s}", r"{\scriptsize %s}", r"\\")
-            + r"\strut"
+            rf"{side}\hspace{{0pt}}" + _cell(cell, tex, r"{\scriptsize %s}", r"\\") + r"\strut"
             for side, cell in zip(sides, row, strict=True)
         )
-        for row in (((heading, False) for heading in table.headings), *table.rows())
+        for row in (table.headings, *table.rows)
     ]
     head, *body = (rf"{row} \tabularnewline" for row in rows)
     body_text = "\n".join(body)
@@ -173,7 +174,7 @@ def terminal(table: Table, rest: str = "") -> None:
     parts = [texts]
     for column in range(table.left, table.texts.shape[1]):
         part = [*parts[-1], column]
-        wide = console.measure(_grid(table.part(part)), options=unlimited).maximum > console.width
+        wide = console.measure(_grid(_part(table, part)), options=unlimited).maximum > console.width
         if wide and parts[-1] != texts:
             parts.append([*texts, column])
         else:
@@ -181,7 +182,7 @@ def terminal(table: Table, rest: str = "") -> None:
     if table.caption:
         console.print(Text(table.caption))
     for part in parts:
-        console.print(_grid(table.part(part)), "")
+        console.print(_grid(_part(table, part)), "")
     if (more := len(table.texts) - ROWS) > 0:
         console.print(f"… {more} more in {rest}", markup=False)
 
@@ -196,8 +197,8 @@ def _grid(table: Table) -> Grid:
         else:
             heading = fill(heading, HEADING, break_long_words=False)
             grid.add_column(Text(heading), justify="right", no_wrap=True)
-    for row in [*table.rows()][:ROWS]:
-        grid.add_row(*(Text(text.split("\n")[0], "bold" * best) for text, best in row))
+    for row in table.rows[:ROWS]:
+        grid.add_row(*(Text(text.split("\n")[0]) for text in row))
     return grid
 
 
