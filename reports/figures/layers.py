@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.results.maps import SurfaceMap
@@ -34,7 +35,7 @@ ABREAST = 6  # panels in a row at most
 PAPER_IN = 7.16  # of two columns of a paper
 WIDE_IN = 1.9  # of a panel at most
 GAP_IN = 0.12  # between panels
-LEFT_IN, BOTTOM_IN = 0.7, 0.5  # of the numbers and labels of the axes
+LEFT_IN, BOTTOM_IN = 0.7, 0.55  # of the numbers and labels of the axes
 RIGHT_IN = 0.85  # of a colour bar and its numbers
 LINE_IN = 0.16  # of a line of a title
 LETTERS_PER_IN = 13  # of a title
@@ -58,6 +59,7 @@ class Scale:
         image = ScalarMappable(self.norm, self.colours)
         bar = figure.colorbar(image, cax=axis.inset_axes((1.04, 0, 0.07, 1)), extend="both")
         bar.set_label(self.label, labelpad=1)
+        bar.ax.grid(False)
         if self.ticks:
             form = "{:+g}" if self.ticks[0] < 0 else "{:g}"
             texts = [form.format(tick).replace("-", "−").replace("+0", "0") for tick in self.ticks]
@@ -101,6 +103,10 @@ class Layer:
             x_mm, y_mm = self.x_mm, self.y_mm
             axis.contour(x_mm, y_mm, self.outline, levels=[0.5], colors="0.35", linewidths=0.4)
         axis.set(xlim=box[:2], ylim=box[2:], facecolor=EMPTY)
+        low_mm, high_mm = np.interp([0.05, 0.95], [0, 1], box[1::-1])
+        ticks_mm = np.asarray(MaxNLocator(4).tick_values(low_mm, high_mm))
+        # none at the ends, where its number would touch that of the next panel
+        axis.set_xticks(ticks_mm[(ticks_mm > low_mm) & (ticks_mm < high_mm)])
 
 
 # maps, photographs' pixels [ny, nx, 3], or empty places

@@ -33,7 +33,7 @@ def echoes_figure(
     ghz, (low, middle, high) = frequencies_hz[order] / 1e9, levels_db[:, order]
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(10 if profile else 7, 3.2), layout="constrained")
-        figure.suptitle(title, fontsize=9)
+        figure.suptitle(title)
         spectrum, places, *more = figure.subplots(1, 3 if profile else 2)
         spectrum.fill_between(
             ghz, low, high, color=COLOURS[0], alpha=0.2, linewidth=0, label="10 to 90 % of channels"
@@ -50,7 +50,8 @@ def echoes_figure(
             ylabel="level in dB below the largest sample",
             title="spectrum",
         )
-        spectrum.legend(frameon=False, fontsize=8)
+        spectrum.margins(y=0.25)  # for the legend
+        spectrum.legend(loc="lower left")
         for (name, of_m), colour, marker in zip(places_m.items(), COLOURS, "os", strict=False):
             x_mm, y_mm = 1e3 * of_m[:, :2].T
             size = 12 if len(of_m) <= 300 else 2
@@ -58,7 +59,7 @@ def echoes_figure(
         places.set(xlabel="x in mm, growing to the left", ylabel="y in mm", title="antennas")
         places.set_aspect("equal", adjustable="datalim")
         places.invert_xaxis()
-        places.legend(loc="center", fontsize=8)
+        places.legend(loc="center")
         if profile:
             more[0].plot(1e3 * profile[0], profile[1], color=COLOURS[0])
             more[0].set(
@@ -66,6 +67,4 @@ def echoes_figure(
                 ylabel="dB below the maximum",
                 title="range, mean of channels",
             )
-        for axis in (spectrum, *more):
-            axis.grid(alpha=0.25, linewidth=0.4)
     return figure
