@@ -66,7 +66,7 @@ def announce_compilation(*kernels: Any) -> None:
 
 @cache
 def _announce() -> None:
-    say("compiling numerical code for this processor, once: about a minute ...")
+    say("compiling numerical code, once on this machine: a minute or two ...")
 
 
 def _cached(kernels: Iterable[Any]) -> bool:
