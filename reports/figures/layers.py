@@ -135,18 +135,14 @@ def sheet(rows: Sequence[Row], title: str = "") -> Figure:
     top_in = 2 * LINE_IN if title else 0
     height = BOTTOM_IN + len(turns) * (high_in + title_in) + top_in
     figure = Figure(figsize=(width, height))
-    axes = figure.subplots(
-        len(turns),
-        columns,
-        squeeze=False,
-        gridspec_kw={
-            "left": LEFT_IN / width,
-            "right": 1 - RIGHT_IN / width,
-            "bottom": BOTTOM_IN / height,
-            "top": 1 - (top_in + title_in) / height,
-            "wspace": gap / wide_in,
-            "hspace": title_in / high_in,
-        },
+    axes = figure.subplots(len(turns), columns, squeeze=False)
+    figure.subplots_adjust(
+        left=LEFT_IN / width,
+        right=1 - RIGHT_IN / width,
+        bottom=BOTTOM_IN / height,
+        top=1 - (top_in + title_in) / height,
+        wspace=gap / wide_in,
+        hspace=title_in / high_in,
     )
     for turn, texts, scales, row_axes in zip(turns, titles, bars, axes, strict=True):
         for axis, panel, text in zip_longest(row_axes, turn, texts):

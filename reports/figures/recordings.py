@@ -50,7 +50,7 @@ def echoes_figure(
             ylabel="level in dB below the largest sample",
             title="spectrum",
         )
-        spectrum.margins(y=0.25)  # for the legend
+        spectrum.margins(y=0.4)  # for the legend
         spectrum.legend(loc="lower left")
         for (name, of_m), colour, marker in zip(places_m.items(), COLOURS, "os", strict=False):
             x_mm, y_mm = 1e3 * of_m[:, :2].T
