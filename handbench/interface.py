@@ -138,13 +138,13 @@ class Capture:
                 not have.
         """
         from handbench.bench.pipeline.image import configuration, image
-        from handbench.bench.validation.checks import echo_warnings
+        from handbench.bench.validation.checks import CHANNELS, warnings_of
         from handbench.radar.methods import registry
         from handbench.support.progress import say
 
         chosen = registry.method(method)
         settings = _within(configuration(self.folder, method, {}), settings)
-        for warning in echo_warnings(self.echoes):
+        for warning in warnings_of(self.echoes, CHANNELS):
             say(f"{self.folder}: {warning}")
         return Depth(
             image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self

@@ -24,8 +24,10 @@ from pydantic import Field, field_validator, model_validator
 from handbench.bench.datasets.dataset import AT_EMPTY_FILTERED, captures
 from handbench.bench.results.about import MEASURES, Measure, name_problem
 from handbench.bench.scenes.people import MOST_PEOPLE
+from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, titles
+from handbench.radar.simulation.causes import Noise
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, require_folder
@@ -306,6 +308,25 @@ def load_benchmark(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path
         "capture": (*(one for source in bench.capture for one in source.each()), *found),
     }
     return _only(bench.model_copy(update=update), only), base
+
+
+def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
+    """Read the scene of a benchmark's capture, and apply the changes that the benchmark makes to
+    it: `set`, person, phase noise, no photographs where nothing needs them. Returns the scene and
+    its file.
+    base: folder to which the benchmark's paths are relative."""
+    path = inside(base, source.scene or "", "capture.scene")
+    scene = load(SceneFile, path, "a scene description")
+    if isinstance(source, Source) and source.suffix:
+        scene = scene.varied(source.set, source.suffix)
+    if isinstance(source, Source) and source.persons:
+        scene = scene.of_person(*source.persons)
+    if bench.phase_noise_rad is not None:
+        scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
+    precise = isinstance(source, Source) and "accuracy" not in source.measures
+    if precise or not source.photos:  # nothing needs photographs
+        scene = scene.model_copy(update={"photos": None})
+    return scene, path
 
 
 def load_tradeoff(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]:

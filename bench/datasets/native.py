@@ -8,11 +8,12 @@ from typing import Any, Literal
 
 import numpy as np
 import tomlkit
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.echoes.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
+from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import load_capture, save_capture
@@ -32,7 +33,7 @@ CORRECTIONS = "corrections.json"  # of the instrument, from the capture's own ec
 EMPTY = "empty.h5"  # the room without the target
 TRANSFORM, TARGET = "radar_from_photo.json", "target.toml"
 TRUE_TRANSFORM = "truth_radar_from_photo.json"  # of a simulated capture
-INSPECTION = "doubts.json"  # of a run's stage that inspects it
+INSPECTION = "warnings.json"  # of a run's stage that inspects it
 FAR_M = 10.0  # further than anything near-field: a number of millimetres, most likely
 
 
@@ -67,6 +68,13 @@ class CaptureFile(Config):
         default_factory=dict,
         description="configuration per method id where this sensor needs another than the default",
     )
+
+    @field_validator("box_m")
+    @classmethod
+    def _ascending(cls, box_m: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if box_m and any(low >= high for low, high in zip(box_m[:3], box_m[3:], strict=True)):
+            raise ValueError("expected xmin, ymin, zmin, then the larger xmax, ymax, zmax")
+        return box_m
 
 
 def save_capture_file(folder: Path, description: CaptureFile) -> None:
@@ -103,12 +111,14 @@ class NativeCapture:
         """The description of the capture, from its `capture.toml`. Raises HandbenchError if this
         file, or a file that it lists, is missing."""
         description = load(CaptureFile, self.folder / DESCRIPTION, "a capture description")
-        for name in description.contains:
-            if not inside(self.folder, name, DESCRIPTION).exists():
-                raise HandbenchError(
-                    f"{self.folder}: {name} is missing, although {DESCRIPTION} lists it; copy the "
-                    "capture again"
-                )
+        missing = [
+            f"{self.folder}: {name} is missing, although {DESCRIPTION} lists it; copy the capture "
+            "again"
+            for name in description.contains
+            if not inside(self.folder, name, DESCRIPTION).exists()
+        ]
+        if missing:
+            raise HandbenchError(missing[0], missing)
         return description
 
     def echoes(self, frames: int | None = None, calibrated: bool = True) -> RadarCapture:
@@ -161,6 +171,14 @@ class NativeCapture:
         none."""
         file = self._lying(TRANSFORM)
         return load_transform(file).require("photo", "radar", file) if file else None
+
+    def surface(self) -> Surface | None:
+        """Read the surface in the radar frame: the true one, else the measured one if the capture
+        has the transform of its frame; None if it has neither."""
+        if self.truth is not None:
+            return read_surface(self.truth)
+        mesh, transform = self.mesh(), self.transform()
+        return None if mesh is None or transform is None else read_surface(mesh).moved(transform)
 
     def warnings(self) -> list[str]:
         """Return warnings of likely mistakes in files that only this data set has; none for

@@ -9,9 +9,8 @@ from typing import Any
 
 import tomlkit
 
-from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, load_benchmark
+from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, load_benchmark, scene_of
 from handbench.bench.datasets.simulated import simulate_capture
-from handbench.bench.run.captures import scene_of
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.support.errors import HandbenchError

@@ -4,16 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, Source, require_clear
+from handbench.bench.benchmarks.benchmark_file import (
+    BenchFile,
+    Origin,
+    Source,
+    require_clear,
+    scene_of,
+)
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.results.about import MEASURES, Measure
 from handbench.bench.run.engine import Engine
-from handbench.bench.scenes.build import named_files
-from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.scenes.scene_file import named_files
 from handbench.bench.stages.simulate import CAPTURE, simulate
-from handbench.radar.simulation.causes import Noise
-from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside
 from handbench.support.store import Input, Stage
@@ -114,21 +117,3 @@ def _open(bench: BenchFile, base: Path, origin: Origin) -> Opened:
 
 def _measures(origin: Origin) -> tuple[Measure, ...]:
     return origin.measures if isinstance(origin, Source) else MEASURES
-
-
-def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, Path]:
-    """Read the scene of a benchmark's capture, and apply the changes that the benchmark makes to
-    it: `set`, person, phase noise, no photographs where nothing needs them. Returns the scene and
-    its file.
-    base: folder to which the benchmark's paths are relative."""
-    path = inside(base, source.scene or "", "capture.scene")
-    scene = load(SceneFile, path, "a scene description")
-    if isinstance(source, Source) and source.suffix:
-        scene = scene.varied(source.set, source.suffix)
-    if isinstance(source, Source) and source.persons:
-        scene = scene.of_person(*source.persons)
-    if bench.phase_noise_rad is not None:
-        scene = scene.model_copy(update={"noise": Noise(phase_noise_rad=bench.phase_noise_rad)})
-    if not source.photos or "accuracy" not in _measures(source):  # nothing needs them
-        scene = scene.model_copy(update={"photos": None})
-    return scene, path

@@ -75,13 +75,13 @@ def run(
         engine = Engine(work.resolve(), elsewhere, progress, plan)
         captures = open_captures(engine, bench, base)
         targets = open_targets(engine, bench, base)
-        doubts = inspect(engine, captures)
+        warnings = inspect(engine, captures)
         meshes, registration = reconstruct_photographs(engine, bench, captures, targets)
         qualities = measure_groundtruth(engine, bench, captures)
         images = image(engine, bench, base, captures)
         surfaces = find_references(engine, captures, meshes, registration)
         scores = score(engine, bench, captures, images, surfaces)
-        facts = {"doubts": doubts, "command": command, "refined_transforms": refined(surfaces)}
+        facts = {"warnings": warnings, "command": command, "refined_transforms": refined(surfaces)}
         if registration is not None:
             facts |= registration_facts(registration, targets[0])
         outcome = RunOutcome(
@@ -131,7 +131,7 @@ def inspect(engine: Engine, captures: Sequence[RunCapture]) -> dict[str, list[st
     texts."""
     stages = [Stage(inspect_capture, {"capture": c.input}, c.name) for c in captures]
     warnings = {
-        stage.capture: read_json(folder / INSPECTION, "doubts")["doubts"]
+        stage.capture: read_json(folder / INSPECTION, "warnings")["warnings"]
         for stage, folder in engine.perform(stages).items()
     }
     return {name: texts for name, texts in warnings.items() if texts}

@@ -9,7 +9,6 @@ import numpy as np
 
 from handbench.bench.scenes.bones import forearm_direction
 from handbench.bench.scenes.scene_file import (
-    BUILT_IN_ARRAY,
     AnyTarget,
     CalibrationTarget,
     DihedralTarget,
@@ -121,22 +120,6 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     return Scene(
         file, surface, radar_from_target, radar_from_photo, cameras, box_m, folder, block_m, target
     )
-
-
-def named_files(file: SceneFile, folder: str | Path) -> list[Path]:
-    """Return the paths of the files and folders in `folder` that a scene file refers to; their
-    content is part of the scene. Raises HandbenchError if one of them is missing."""
-    folder = Path(folder)
-    names = [getattr(file.target, key, None) for key in ("file", "path")]
-    if file.sensor.array != BUILT_IN_ARRAY:
-        names.append(file.sensor.array)
-    paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
-    for path in paths:
-        if not path.exists():
-            raise HandbenchError(
-                f"{path}: is missing, although scene '{file.name}' uses it; check the path"
-            )
-    return paths
 
 
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:

@@ -1,6 +1,7 @@
 """The content of a scene file: target, radar, cameras and stand, and the effects in the echoes."""
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from handbench.radar.simulation.known_effects import IDS
 from handbench.radar.simulation.scene import Material
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
+from handbench.support.files import inside
 
 BUILT_IN_ARRAY = "qar50"
 MOST_TONES = 20_000  # of a scene; echoes of the built-in array take 1.4 GB
@@ -325,6 +327,21 @@ def _replaced(old: Any, new: Any) -> Any:
     if isinstance(old, dict) and isinstance(new, dict):
         return old | {key: _replaced(old.get(key), value) for key, value in new.items()}
     return new
+
+
+def named_files(file: SceneFile, folder: Path) -> list[Path]:
+    """Return the paths of the files and folders in `folder` that a scene file refers to; their
+    content is part of the scene. Raises HandbenchError if one of them is missing."""
+    names = [getattr(file.target, key, None) for key in ("file", "path")]
+    if file.sensor.array != BUILT_IN_ARRAY:
+        names.append(file.sensor.array)
+    paths = [inside(folder, name, f"scene '{file.name}'") for name in names if name]
+    for path in paths:
+        if not path.exists():
+            raise HandbenchError(
+                f"{path}: is missing, although scene '{file.name}' uses it; check the path"
+            )
+    return paths
 
 
 def name_of_person(scene: str, number: int) -> str:

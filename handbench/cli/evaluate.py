@@ -19,9 +19,7 @@ def run(options: argparse.Namespace) -> None:
     Warnings are printed first, on stderr."""
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.metrics import definitions
-    from handbench.bench.validation.checks import figure_warnings, map_warnings
-    from handbench.bench.validation.mistakes import misplacement_warnings
-    from handbench.groundtruth.mesh.surface import read_surface
+    from handbench.bench.validation.checks import MAP, figure_warnings, warnings_of
     from handbench.interface import Capture, Depth
     from handbench.radar.data.depthmap import load_depthmap
     from handbench.support.progress import say
@@ -32,9 +30,7 @@ def run(options: argparse.Namespace) -> None:
     capture = None if options.capture is None else Capture(options.capture)
     score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
     values = score.values
-    surface = read_surface(options.mesh).moved(transform)
-    warnings = misplacement_warnings(depth, surface)  # with a remedy
-    warnings += [*map_warnings(depth), *figure_warnings(depth, values)]
+    warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(values)}
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined['reason']}"
@@ -46,7 +42,7 @@ def run(options: argparse.Namespace) -> None:
 
         save(methods_figure([(depth.method, depth.z_m, score.errors)]), options.plot)
     if options.json or not sys.stdout.isatty():
-        print(json.dumps(({"doubts": warnings} if warnings else {}) | values | about, indent=2))
+        print(json.dumps(({"warnings": warnings} if warnings else {}) | values | about, indent=2))
     else:
         _table(f"{options.depth}: {depth.method}", values, about.get("refined"))
 

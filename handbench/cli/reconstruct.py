@@ -8,7 +8,7 @@ import numpy as np
 # The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.image import configuration, prepare
-from handbench.bench.validation.checks import echo_warnings, on_target
+from handbench.bench.validation.checks import CHANNELS, on_target, warnings_of
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.advice import notes
@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
         _settings(options, defaults.model_dump(mode="json")), "--set or --tolerance"
     )
     echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
-    for warning in echo_warnings(echoes):  # they may say why a tone is missing
+    for warning in warnings_of(echoes, CHANNELS):  # they may say why a tone is missing
         say(f"{options.capture}: {warning}")
     task = prepare(echoes, chosen, settings, options.frame)
     if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:

@@ -7,7 +7,6 @@ import reprlib
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
@@ -19,7 +18,6 @@ from handbench.support.files import one_form, read_parsed
 from handbench.support.limits import LONG_KEY, NAME_BYTES, TOML_BYTES, require_shallow
 
 ConfigT = TypeVar("ConfigT", bound="Config")
-Location = tuple[int | str, ...]  # keys that lead to a value of a file
 SMALLEST = 1e-30  # of a number's size
 LARGEST = 1e30
 MOST_PROBLEMS = 1000  # of one table
@@ -75,34 +73,29 @@ def _numbers(value: object) -> Iterator[int | float]:
 
 def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     """Return a configuration of the class `model` from plain values, such as those of a TOML file.
-    where: a file or an option, with which the message begins. Raises HandbenchError that says in
-    one line what is wrong."""
+    where: a file or an option, with which the message begins. Raises HandbenchError, whose
+    `problems` are all wrong values; its message names the first four (SHOWN)."""
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        texts = [text for _, text in islice(complaints(error, values), SHOWN)]
-        if (others := error.error_count() - SHOWN) > 0:
-            texts.append(f"and {others} more")
-        raise HandbenchError(f"{where}: {'; '.join(texts)}") from None
+        texts = [_text(problem, values) for problem in error.errors(include_url=False)]
+        others = [f"and {len(texts) - SHOWN} more"] if len(texts) > SHOWN else []
+        raise HandbenchError(
+            f"{where}: {'; '.join(texts[:SHOWN] + others)}", [f"{where}: {text}" for text in texts]
+        ) from None
 
 
-def complaints(
-    error: pydantic.ValidationError, values: Any, prefix: Location = ()
-) -> Iterator[tuple[Location, str]]:
-    """Yield the place of each wrong value, and what is wrong with it in words.
-    values: the values that were checked; prefix: keys that lead to them from the top of the
-    file."""
-    for problem in error.errors(include_url=False):
-        place = (*prefix, *_place(problem, values))
-        key = ".".join(map(str, place)) or "the file"
-        message = problem["msg"].removeprefix("Value error, ")
-        if problem["type"] == "missing":
-            yield place, f"key '{key}' is missing; add it"
-        elif problem["type"] == "extra_forbidden":
-            yield place, f"unknown key '{key}'; {suggest(str(place[-1]), problem['ctx']['known'])}"
-        else:
-            got = reprlib.repr(problem["input"])
-            yield place, f"'{key}' is {got}; {message[0].lower()}{message[1:]}"
+def _text(problem: Any, values: Any) -> str:
+    """Say in words what is wrong with a value. problem: one of pydantic's errors; values: those
+    that were checked."""
+    place = _place(problem, values)
+    key = ".".join(map(str, place)) or "the file"
+    message = problem["msg"].removeprefix("Value error, ")
+    if problem["type"] == "missing":
+        return f"key '{key}' is missing; add it"
+    if problem["type"] == "extra_forbidden":
+        return f"unknown key '{key}'; {suggest(str(place[-1]), problem['ctx']['known'])}"
+    return f"'{key}' is {reprlib.repr(problem['input'])}; {message[0].lower()}{message[1:]}"
 
 
 def _place(problem: Any, values: Any) -> list[int | str]:

@@ -88,33 +88,33 @@ def flat(method, z_m, config) -> DepthMap:
     return DepthMap(axis_m, axis_m, *depths, method, config)
 
 
-def test_doubts_come_first(shown, tmp_path, capsys):
+def test_warnings_come_first(shown, tmp_path, capsys):
     """A map ten times as far as the ball."""
     flat("3fsk", 3.0, {}).save(tmp_path / "far.npz")
     assert main(["evaluate", str(tmp_path / "far.npz"), "--mesh", str(shown / "mesh.ply")]) == 0
     printed = capsys.readouterr()
-    assert next(iter(json.loads(printed.out))) == "doubts"
+    assert next(iter(json.loads(printed.out))) == "warnings"
     assert (
         "100 % of the pixels of the image have a depth" in printed.err
-        and "outside 0 to 100 %" in printed.err
+        and "the mean error" in printed.err
     )
 
 
 @pytest.mark.parametrize(
     ("config", "z_m", "words"),
     [
-        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "larger than the depth box, 10 mm"),
-        ({}, 0.34, "more than 10 % of the distance"),
+        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "the mean error, 20 mm"),
+        ({}, 0.34, "the mean error, 50 mm"),
         ({}, np.nan, "no pixel of the depth map"),
         ({}, 0.301, ""),
     ],
 )
-def test_figures_that_can_hardly_be_are_doubted(config, z_m, words):
+def test_figures_that_can_hardly_be_are_warned_of(config, z_m, words):
     depth = flat("broadband", z_m, config)
     truth = np.where(np.isfinite(hand_m(depth.x_m, depth.y_m)), 0.29, np.nan)
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, truth)
     [*found] = figure_warnings(depth, figures(errors))
-    assert len(found) == bool(words) and all(words in doubt for doubt in found)
+    assert len(found) == bool(words) and all(words in warning for warning in found)
 
 
 def test_evaluate_is_a_table_on_a_terminal_json_on_request_and_a_picture(

@@ -90,7 +90,7 @@ for command in ("", *COMMANDS):
     except SystemExit: pass
 [commands] = (a for a in parser()._actions if isinstance(a, argparse._SubParsersAction))
 typed = [a for inner in commands.choices.values() for a in inner._actions]
-assert len(typed) > 100 and all(a.help for a in typed)
+assert len(typed) > 90 and all(a.help for a in typed)
 sys.exit(", ".join(m for m in {["numpy", "pycolmap", *HEAVY]!r} if m in sys.modules) or None)
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)

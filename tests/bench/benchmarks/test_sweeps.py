@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark, load_tradeoff
-from handbench.bench.validation.inspection import problems_of
+from handbench.bench.validation.inspection import inspect
 from handbench.support.errors import HandbenchError
 
 BENCH = 'version = 1\nname = "swept"\n[[capture]]\nscene = "ball.toml"\n[[method]]\n'
@@ -59,7 +59,7 @@ def test_sweeps_that_cannot_work_are_refused_in_one_line(tmp_path, method, words
     assert words in str(refused.value) and "\n" not in str(refused.value)
     file = tmp_path / "swept.toml"
     assert str(file) in str(refused.value)
-    assert any(words in problem.text for problem in problems_of(str(file)))
+    assert any(words in problem for problem in inspect(str(file)).lines)
 
 
 def test_an_unknown_setting_is_refused(tmp_path):

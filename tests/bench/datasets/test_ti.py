@@ -9,7 +9,7 @@ import pytest
 
 import handbench as hb
 from handbench.bench.datasets.ti import import_ti_raw
-from handbench.bench.validation.inspection import problems_of
+from handbench.bench.validation.inspection import inspect
 from handbench.cli.main import main
 from handbench.support.errors import HandbenchError
 
@@ -161,4 +161,4 @@ def test_recordings_that_are_incomplete_or_there_twice(tmp_path, capsys):
     shutil.copy(tmp_path / "adc_data.bin", tmp_path / "adc_data_Raw_0.bin")
     with pytest.raises(HandbenchError, match=r"adc_data\.bin and adc_data_Raw_0\.bin"):
         import_ti_raw(tmp_path, tmp_path / "again")
-    assert "adc_data_Raw_0.bin" in str(next(problems_of(str(tmp_path))))
+    assert "adc_data_Raw_0.bin" in str(*inspect(str(tmp_path)).lines)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.pipeline.image import image, prepare
-from handbench.bench.validation.checks import echo_warnings
+from handbench.bench.validation.checks import CHANNELS, warnings_of
 from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
@@ -97,7 +97,7 @@ def test_a_repeated_tone_is_not_used_by_methods_that_need_each_once():
     for field in ("z_m", "sigma_m", "p_gross"):
         both = [getattr(image(c, method("3fsk"), settings), field) for c in (once, again)]
         np.testing.assert_array_equal(*both)
-    assert not list(echo_warnings(again))
+    assert not list(warnings_of(again, CHANNELS))
 
 
 def test_dead_tones_and_antennas_are_named():
@@ -107,11 +107,11 @@ def test_dead_tones_and_antennas_are_named():
         samples[0, 1] = 0
         samples[:, :, 3] = 0
 
-    found = list(echo_warnings(changed(capture, kill)))
+    found = list(warnings_of(changed(capture, kill), CHANNELS))
     assert len(found) == 2
     assert "81.8 GHz" in found[0]
     assert "1 of 16 transmitters" in found[1]
     assert "(numbers 3, counted from 0)" in found[1]
     scan = PlanarScan(SOME.tx_m)
     dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
-    assert not list(echo_warnings(dead))  # no warning for a frame without any echo
+    assert not list(warnings_of(dead, CHANNELS))  # no warning for a frame without any echo

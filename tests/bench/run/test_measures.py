@@ -7,12 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.benchmarks.benchmark_file import load_benchmark
+from handbench.bench.benchmarks.benchmark_file import load_benchmark, scene_of
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.results.result_folder import load
-from handbench.bench.run.captures import scene_of
-from handbench.bench.validation.inspection import problems_of
+from handbench.bench.validation.inspection import inspect
 from handbench.radar.data.echoes_file import load_capture
 from tests.bench.run.faults import execute
 
@@ -28,7 +27,7 @@ def printed(small_bench, monkeypatch) -> Path:
     have two tones, of which narrowband makes no image, and cameras. Nothing is doubted: two tones
     fit no surface well, and are looked at for long (test_inspect)."""
     monkeypatch.setattr(
-        "handbench.bench.validation.capture_warnings.warnings_of_capture", lambda recorded: iter(())
+        "handbench.bench.validation.capture_warnings.capture_warnings", lambda *_: iter(())
     )
     scene = (small_bench.parent / "ball.toml").read_text().replace(", 79.5e9", "")
     for k in range(2):
@@ -46,7 +45,7 @@ def simulated(folder: Path) -> dict[str, Path]:
 
 
 def test_the_precision_is_that_of_captures_that_are_not_scored(printed, small_result, tmp_path):
-    assert list(problems_of(str(printed))) == []  # two tones are too few for narrowband
+    assert not inspect(str(printed)).lines  # two tones are too few for narrowband
     out = tmp_path / "out"
     result = execute(printed, out)
     measured = {c.name: (c.measures, c.references) for c in result.about.captures}

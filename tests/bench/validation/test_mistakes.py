@@ -1,54 +1,180 @@
-"""Depth maps beside planes, whose mirror images are known: the formula of a tilted plane is the
-reference."""
+"""Mistakes in data that every reader accepts, and the cure that `handbench inspect` names.
+
+The echoes are sums of exponentials over points of an L-shaped plate, written here, and the mistakes
+are put into the files: nothing is shared with the checks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from handbench.bench.validation import mistakes
-from handbench.groundtruth.mesh.surface import Surface
+from handbench.bench.validation.checks import MAP, warnings_of
+from handbench.bench.validation.mistakes import conjugation_warnings
+from handbench.cli.main import main
+from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import save_capture
 
-HALF_M, MIDDLE_M, SLOPE = (
-    0.043,
-    0.45,
-    0.048,
-)  # of y: 73 % of a plate lie within 3 mm of its mirror image, 2.1 mm off
-
-
-def plate(slope: float) -> Surface:
-    x_m, y_m = HALF_M * np.array([(-1, 1, 1, -1), (-1, -1, 1, 1)])
-    vertices_m = np.stack([x_m, y_m, MIDDLE_M + slope * y_m], axis=1)
-    return Surface(vertices_m, np.array([[0, 2, 1], [0, 3, 2]]), np.zeros(4), np.ones(4, bool))
+TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
+CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
+Z_M = 0.29
+ONE = np.eye(3)
 
 
-def plate_map(slope: float, off_m: float = 0.0, noise_m: float = 1e-4) -> DepthMap:
-    axis_m = np.arange(-40, 41) * 1e-3
-    z_m = MIDDLE_M + off_m + np.broadcast_to(slope * axis_m[:, None], (81, 81))
-    random = np.random.default_rng(5)
-    z_m = z_m + noise_m * random.standard_normal(z_m.shape)
-    return DepthMap(axis_m, axis_m, z_m, random.uniform(-10, 0, z_m.shape), "3fsk")
+def depth_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    return Z_M + 0.1 * x_m + 0.15 * y_m
 
 
-def test_a_slight_tilt_shows_a_mirrored_axis_by_its_error_where_most_pixels_lie_near():
-    depth = plate_map(SLOPE)
-    as_is = mistakes.fit(depth, plate(-SLOPE))
-    assert (
-        as_is.share == pytest.approx(3e-3 / (2 * SLOPE * 0.04), abs=0.05)
-        and as_is.share > 1 / mistakes.GAINED
+def points_before(array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> RadarCapture:
+    """The echoes of points."""
+    wave = -2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None]
+    legs = (
+        np.exp(wave * np.linalg.norm(points_m[:, None] - places_m, axis=2))
+        for places_m in (array.tx_m, array.rx_m)
     )
-    [found] = mistakes.misplacement_warnings(depth, plate(-SLOPE))
-    assert "mirrored in y" in found and "mirrored in x" not in found
+    samples = np.einsum("fpt,fpr->ftr", *legs, optimize=True)
+    return RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
+
+
+@pytest.fixture(scope="module")
+def right() -> RadarCapture:
+    """Of 150 points, evenly spread over an L that leans, before every second antenna."""
+    x, y = np.random.default_rng(1).uniform(-0.04, 0.04, (2, 3000))
+    inside = (x > -0.03) & (x < 0.02) & ((y < -0.02) | (x < -0.01))
+    x, y = x[inside][:150], y[inside][:150]
+    array = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
+    return points_before(array, TONES_HZ, np.stack([x, y, depth_m(x, y)], axis=1))
+
+
+def written(folder: Path, capture: RadarCapture) -> Path:
+    """A capture's folder, with the plate's surface."""
+    folder.mkdir(parents=True)
+    save_capture(folder / "echoes.h5", capture)
+    (folder / "capture.toml").write_text('version = 1\nname = "plate"\nkind = "other"\n')
+    vertices_m = np.column_stack([CORNERS_M, depth_m(*CORNERS_M.T)])
+    faces = [(0, 2, 1), (0, 3, 2), (0, 4, 3), (0, 5, 4)]
+    write_mesh(folder / "truth.ply", mesh(vertices_m, np.array(faces)))
+    return folder
+
+
+def placed(capture: RadarCapture, change: np.ndarray) -> RadarCapture:
+    """The capture with its antennas elsewhere."""
+    legs_m = capture.aperture.tx_m, capture.aperture.rx_m
+    return replace(capture, aperture=AntennaArray(*(leg_m @ change for leg_m in legs_m)))
+
+
+def swapped(capture: RadarCapture) -> RadarCapture:
+    array = capture.aperture
+    return replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
+
+
+def conjugate(capture: RadarCapture) -> RadarCapture:
+    return replace(capture, samples=capture.samples.conj())
+
+
+def tones(capture: RadarCapture, tones_hz: np.ndarray) -> RadarCapture:
+    return replace(capture, frequencies_hz=tones_hz)
+
+
+ECHOES = {
+    "conjugated": (conjugate, "m, conjugate the samples"),
+    "tones": (lambda c: tones(c, TONES_HZ[::-1]), "reverse frequencies_hz"),
+    "swapped": (swapped, "exchange tx_m and rx_m"),
+    "millimetres": (lambda c: placed(c, 1e3 * ONE), "multiply them by 1e-3"),
+    "centimetres": (lambda c: placed(c, 1e2 * ONE), "positions are in metres"),
+    "kilometres": (lambda c: placed(c, 1e-3 * ONE), "positions are in metres"),
+    "y and z": (lambda c: placed(c, ONE[[0, 2, 1]]), "faces y"),
+    "gigahertz": (lambda c: tones(c, TONES_HZ / 1e9), "in gigahertz"),
+    "kilohertz": (lambda c: tones(c, TONES_HZ / 1e3), "or kilohertz"),
+    "nothing": (lambda c: c, "no problem found"),
+}
+
+
+def inspected(capsys, *words: object) -> str:
+    main(["inspect", *map(str, words)])
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("change", "cure"), ECHOES.values(), ids=ECHOES)
+def test_a_mistake_in_the_echoes_is_named_with_its_cure(right, tmp_path, capsys, change, cure):
+    assert cure in inspected(capsys, written(tmp_path / "plate", change(right)))
+
+
+CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
+BANDS_HZ = {
+    "wide": np.linspace(72e9, 82e9, 32),
+    "26 GHz": np.linspace(22e9, 26e9, 41),
+    "narrow": np.linspace(24e9, 24.12e9, 16),
+    "few": np.array([82e9, 81.8e9, 79.5e9]),
+}
 
 
 @pytest.mark.parametrize(
-    "depth",
+    "tones_hz",
     [
-        plate_map(SLOPE),
-        plate_map(SLOPE, off_m=1.5e-3),
-        plate_map(0.02, off_m=2e-3),
-        plate_map(SLOPE, noise_m=3e-3),
+        pytest.param(tones_hz, id=name, marks=[pytest.mark.slow] if name == "wide" else [])
+        for name, tones_hz in BANDS_HZ.items()
     ],
-    ids=["right", "1.5 mm behind", "2 mm behind and flatter", "noise of 3 mm"],
 )
-def test_a_plate_that_is_right_but_for_its_errors_is_not_doubted(depth):
-    assert mistakes.misplacement_warnings(depth, plate(SLOPE)) == []
+def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(tones_hz):
+    draw = np.random.default_rng(2)
+    for number in range(4):
+        distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
+        points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m
+        capture = points_before(CROSS, tones_hz, points_m + [0, 0, distance_m])
+        noise = np.random.default_rng(1).standard_normal((*capture.samples.shape, 2)) @ [1, 1j]
+        noise *= 0.1 * (number % 2) * np.abs(capture.samples).max()
+        noisy = replace(capture, samples=(capture.samples + noise).astype(np.complex64))
+        assert list(conjugation_warnings(noisy)) == []
+
+
+def test_missing_columns_scans_and_single_tones_have_a_sign(right):
+    """The scan is of a transceiver that is moved over a square before a point."""
+    point_m, tones_hz = np.array([[-0.03, 0.0, 0.3]]), BANDS_HZ["26 GHz"]
+    array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
+    columns = points_before(array, BANDS_HZ["wide"], point_m)
+    columns.samples[:, :, ::2] = 0
+    one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
+    places_m = np.mgrid[-0.05:0.05:30j, -0.05:0.05:30j, 0:1].reshape(3, -1).T
+    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
+    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)
+    scan = RadarCapture(samples[None].astype(np.complex64), tones_hz, PlanarScan(places_m))
+    for capture in (columns, scan, one):
+        [text] = conjugation_warnings(conjugate(capture))
+        assert list(conjugation_warnings(capture)) == [] and "conjugate" in text
+
+
+def test_a_depth_map_that_fills_the_image_or_is_flagged_is_warned_of():
+    axis_m, z_m = np.arange(-5, 6) * 1e-2, np.full((11, 11), 0.3)
+    full = DepthMap(axis_m, axis_m, z_m, 0 * z_m, "m", p_gross=3 * z_m)
+    assert [text[:5] for text in warnings_of(full, MAP)] == ["100 %"] * 2
+    part = replace(full, z_m=np.where(np.arange(11) < 3, z_m, np.nan), p_gross=z_m / 3)
+    cropped = replace(full, x_m=axis_m / 10, y_m=axis_m / 10, p_gross=z_m / 3)
+    assert [*warnings_of(part, MAP), *warnings_of(cropped, MAP)] == []
+
+
+def test_a_run_records_its_warnings_and_the_result_shows_them(right, tmp_path, capsys):
+    """So do the folder of captures and the echoes alone."""
+    plate = written(tmp_path / "all" / "plate", conjugate(right))
+    bench, out = tmp_path / "all" / "bench.toml", tmp_path / "out"
+    capture = '[[capture]]\npath = "plate"\nmeasures = ["accuracy"]\n'
+    bench.write_text(f'version = 1\nname = "b"\n{capture}[[method]]\nid = "2fsk"\n')
+    for seen in (True, False):  # a resumed run does not look again
+        assert main(["run", str(bench), "-o", str(out)]) == 0
+        assert ("conjugate the samples" in capsys.readouterr().err) == seen
+        warnings = json.loads((out / "result.json").read_text())["facts"]["warnings"]["plate"]
+        assert len(warnings) == 1 and "conjugate the samples" in warnings[0]
+    assert "plate: the image of the conjugated echoes" in inspected(capsys, out)
+    assert "conjugate the samples" in inspected(capsys, bench)
+    (plate / "truth.ply").unlink()
+    bench.unlink()
+    written(tmp_path / "all" / "right", right)
+    assert "conjugate the samples" in inspected(capsys, plate)
+    lines = inspected(capsys, tmp_path / "all")
+    assert "plate: warning: the image of the conjugated echoes" in lines and "right: " not in lines

@@ -1,0 +1,104 @@
+"""Inspection of captures and photographs: everything that a run may read is read, and all problems
+are reported."""
+
+from functools import partial
+from pathlib import Path
+
+from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.native import (
+    DESCRIPTION,
+    MESH,
+    PHOTOS,
+    TARGET,
+    TRANSFORM,
+    NativeCapture,
+)
+from handbench.bench.pipeline.image import configured
+from handbench.bench.validation.checks import (
+    CHANNELS,
+    board_warnings,
+    lengths,
+    size,
+    transform_warnings,
+)
+from handbench.bench.validation.report import Report
+from handbench.calibration.spheres.description import load_target
+from handbench.groundtruth.board.board import load_board
+from handbench.groundtruth.cameras.camera_files import cameras_of
+from handbench.groundtruth.mesh.surface import read_surface
+from handbench.groundtruth.photos.photos import find_photos
+from handbench.radar.data.capture import RadarCapture
+from handbench.support.errors import HandbenchError
+
+FEWEST_POSES = 3  # of photographs, which give their scale
+
+
+def inspect_capture(
+    folder: Path, report: Report, frames: int | None = None
+) -> tuple[NativeCapture, RadarCapture] | None:
+    """Read all files of a capture that a run may read, and report their problems and warnings.
+    Returns the capture and the echoes of its first `frames` frames (None: all); None if its
+    description or its echoes cannot be read."""
+    read = partial(report.read, folder)
+    recorded = read(partial(open_capture, folder))
+    if recorded is None:
+        return None
+    about = read(lambda: recorded.about)
+    if about is not None:
+        report.warn(folder / DESCRIPTION, lengths(about))
+        for id in about.methods:
+            report.read(folder / DESCRIPTION, partial(configured, about, id, {}))
+        if about.kind == "target" and not (recorded.folder / TARGET).exists():
+            report.refuse(folder, f"is a capture of the calibration target without {TARGET}")
+    echoes = read(partial(recorded.echoes, frames))
+    report.check(folder, echoes, CHANNELS)
+    mesh = read(recorded.mesh)
+    truths = None if echoes is None else read(partial(recorded.truths, len(echoes.samples)))
+    surfaces = {}
+    for file in filter(None, (recorded.truth, mesh, *(truths or ()))):
+        surfaces[file] = read(partial(read_surface, file))
+        report.check(file, surfaces[file], (size,))
+    transform = read(recorded.transform)
+    if transform is not None:
+        surface = surfaces.get(mesh) if mesh else None
+        report.warn(recorded.folder / TRANSFORM, transform_warnings(transform, surface))
+    if (file := recorded.folder / TARGET).exists():
+        read(partial(load_target, file))
+    if recorded.photos is not None:
+        inspect_photos(recorded.photos, report)
+    return None if about is None or echoes is None else (recorded, echoes)
+
+
+def require_reference(recorded: NativeCapture, calibrated: bool) -> None:
+    """Raise HandbenchError if a capture has no surface to compare depths with. calibrated: whether
+    a benchmark's calibration gives the transform."""
+    if recorded.truth is not None:
+        return
+    if recorded.mesh() is None and recorded.photos is None:
+        raise HandbenchError(
+            f"{recorded.folder}: has no surface to compare depths with; add {PHOTOS} or {MESH}"
+        )
+    if not calibrated and recorded.transform() is None:
+        raise HandbenchError(
+            f"{recorded.folder}: nothing transforms its surface to the radar frame; add "
+            f"{TRANSFORM} to the capture, or [calibration] to the benchmark"
+        )
+
+
+def inspect_photos(folder: Path, report: Report, scaled: bool = True) -> None:
+    """Read a folder of photographs with its board.toml and cameras.json, and report their problems
+    and warnings. scaled: whether one of these two files must give the scale; if not, its absence is
+    only a warning."""
+    described, posed = folder / "board.toml", folder / "cameras.json"
+    photos = report.read(folder, partial(find_photos, folder)) or ()
+    board = report.read(described, partial(load_board, described)) if described.exists() else None
+    cameras = report.read(posed, partial(cameras_of, photos, posed)) if posed.exists() else None
+    poses = [camera for camera in cameras or () if camera.R is not None and camera.t is not None]
+    if not described.exists() and len(poses) < FEWEST_POSES:
+        text = (
+            "nothing gives the scale of the photographs; add board.toml, or poses (R, t) to "
+            "cameras.json"
+        )
+        report.refuse(folder, text) if scaled else report.warn(folder, [text])
+    if board is not None:
+        report.warn(described, board_warnings(photos, board, cameras or ()))
