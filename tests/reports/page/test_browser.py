@@ -26,7 +26,13 @@ PAGES = {name: f"{name}/index.html" for name in RESULTS} | {"further": "many/pag
 WIDTHS = (400, 800, 1280, 1920)
 PRINTED = 1032  # CSS pixels of a sheet of A4, landscape, without its margins
 PICTURE = rendering.Image(
-    "data:image/gif;base64,R0lGODlhAQABAAAAACw=", 798, 400, "grey", 30 * "words ", "depth_B"
+    uri="data:image/gif;base64,R0lGODlhAQABAAAAACw=",
+    width=798,
+    height=400,
+    alt="grey",
+    caption=30 * "words ",
+    stem="depth_B",
+    kinds=("pdf", "png"),
 )
 # Leaf texts with their rectangles and their nearest box that cuts or scrolls; a text may go beyond
 # a box that scrolls, except in the main table.

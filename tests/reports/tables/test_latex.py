@@ -125,14 +125,5 @@ def test_any_text_becomes_plain_ascii_without_commands(text):
     assert not re.search(r"[\\{}&%$#_^~<>|\"\[\]]", rest)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("e\u0301", r"\'{e}"),
-        ("手", "U+624B"),
-        ("50 % of $x", r"50 \% of \$x"),
-        ("5 µm ≤ σ", r"5 $\mu$m $\leq$ $\sigma$"),
-    ],
-)
-def test_characters_become_commands_or_numbers(text, expected):
-    assert writers.tex(text) == expected
+def test_characters_become_commands_or_numbers():
+    assert writers.tex("e\u0301 手 ≤ σ") == r"\'{e} U+624B $\leq$ $\sigma$"
