@@ -25,11 +25,8 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
     from handbench.bench.evaluation.metrics import METRICS, chosen
-    from handbench.bench.pipeline.score import reference_of_surface, score
     from handbench.bench.stages.reconstruct import Imager
-    from handbench.calibration.transforms import identity
-    from handbench.groundtruth.mesh.surface import read_surface
-    from handbench.radar.data.grid import PixelGrid
+    from handbench.interface import Depth
     from handbench.radar.methods.registry import titles
     from handbench.reports.figures.depth_maps import methods_figure
     from handbench.reports.figures.style import save
@@ -42,23 +39,20 @@ def run(options: argparse.Namespace) -> None:
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
     _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
     _simulate(folder / SCENE, capture)
-    surface, shown = read_surface(truth), []
+    shown = []
     rows: dict[str, dict[str, str]] = {}
     for id in METHODS:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
         depth, title = images.results[0].depth, titles()[id]
         depth.save(folder / f"{id}.npz")
-        reference = reference_of_surface(
-            surface, identity("radar"), PixelGrid(depth.x_m, depth.y_m)
-        )
-        scores = score(depth, reference)
-        values = scores.figures | {"seconds": median(images.seconds)}
+        score = Depth(depth).evaluate(truth)
+        values = score.values | {"seconds": median(images.seconds)}
         defined = (METRICS[metric] for metric in chosen("summary") if metric in values)
         rows[title] = {
             f"{metric.title} ({metric.unit})": figure(values[metric.key], unit=metric.unit)
             for metric in defined
         }
-        shown.append((title, depth.z_m, scores.errors))
+        shown.append((title, depth.z_m, score.errors))
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
     texts = pd.DataFrame.from_dict(rows, orient="index")
