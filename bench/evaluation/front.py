@@ -37,9 +37,10 @@ def fronts(
 
 def figures(lines: pd.DataFrame, error: str = HEADLINE) -> pd.DataFrame:
     """Arrange the figures of methods as one line for each, in their order: seconds, seconds_low,
-    seconds_high, error, low, high (95 % intervals) and observed_percent; NaN where unknown.
-    lines: method, metric, value and, if known, low and high; error: the metric. Methods without
-    error or time are left out."""
+    seconds_high, error, low, high (95 % intervals) and observed_percent, NaN where unknown; and the
+    reference of the error.
+    lines: method, reference, metric, value and, if known, low and high; error: the metric. Methods
+    without error or time are left out."""
     columns = {"seconds": "seconds", error: "error", "observed_percent": "observed_percent"}
     wide: dict[str, pd.Series] = {}
     for metric, column in columns.items():
@@ -48,7 +49,8 @@ def figures(lines: pd.DataFrame, error: str = HEADLINE) -> pd.DataFrame:
         prefix = "" if metric == error else f"{column}_"
         wide |= {column: known.value, f"{prefix}low": known.low, f"{prefix}high": known.high}
     found = pd.DataFrame(wide).reindex(lines.method.unique())
-    return found.dropna(subset=["seconds", "error"])
+    reference = next(iter(lines.reference[lines.metric == error]), "")
+    return found.assign(reference=reference).dropna(subset=["seconds", "error"])
 
 
 def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.DataFrame:

@@ -18,7 +18,7 @@ from handbench.bench.validation.checks import places_m
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.support.config import Config
@@ -36,7 +36,7 @@ SHALLOW = 0.3
 WIDE = 0.85
 NEAR = 1.0
 FAR = 8.0
-CELL = 2.0  # resolution cell two apertures away, in wavelengths
+PIXELS = 80
 DEPTHS = 100
 STRONGEST = 1500  # pixels that are compared, at most: those with the largest amplitudes
 GOOD_MM = 1.0  # median error of an image that needs no correction
@@ -106,38 +106,19 @@ def error_mm(depth: DepthMap, surface: Surface) -> float:
 
 
 def sharpness_db(capture: RadarCapture) -> float:
-    """Compute the sharpness of a coarse image I of a capture's first frame, in dB: Σ|I|⁴ /
-    (Σ|I|²)²."""
+    """Compute the sharpness of a coarse image I of a capture's first frame, of a few tones and
+    antennas, in dB: Σ|I|⁴ / (Σ|I|²)²."""
     from handbench.radar.imaging.api import image_volume  # compiled
 
-    few = _reduced(capture)
-    samples = scaled_to_one(few.samples[0])
-    volume = image_volume(samples, few.frequencies_hz, few.aperture, _box(few), None)
+    channels = capture.aperture.channels
+    # an odd step through a scan's positions does not stay in one column of a raster
+    every = -(-min(channels) // ANTENNAS) if len(channels) > 1 else channels[0] // POSITIONS | 1
+    few = thin_antennas(capture.first_frames(1), every)
+    tones = even_subset(len(few.frequencies_hz), TONES)
+    samples = scaled_to_one(few.samples[0][tones])
+    volume = image_volume(samples, few.vacuum_hz[tones], few.aperture, _box(few), None)
     power = np.abs(volume).astype(np.float64) ** 2
     return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
-
-
-def _reduced(capture: RadarCapture) -> RadarCapture:
-    """Return the capture with only its first frame, a few tones in rising order, and a few
-    antennas. Frequencies are converted to those with the same wavelengths in vacuum."""
-    order = np.argsort(capture.frequencies_hz, kind="stable")
-    tones, array = order[even_subset(len(order), TONES)], capture.aperture
-    random = np.random.default_rng(0)  # since every n-th of a raster may be one column
-    some = [
-        even_subset(count, ANTENNAS)
-        if isinstance(array, AntennaArray)
-        else np.sort(random.choice(count, min(count, POSITIONS), replace=False))
-        for count in array.channels
-    ]
-    samples = capture.samples[np.ix_(np.zeros(1, int), tones, *some)]
-    legs_m = [
-        values[some[min(leg, len(some) - 1)]]
-        for leg, values in enumerate(vars(array).values())
-        if values is not None
-    ]
-    fewer = type(array)(*legs_m)
-    slower = SPEED_OF_LIGHT_M_S / capture.wave_speed_m_s
-    return RadarCapture(samples, capture.frequencies_hz[tones] * slower, fewer)
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:
@@ -145,8 +126,8 @@ def _box(capture: RadarCapture) -> VoxelGrid:
     near target."""
     places = places_m(capture)
     x_m, y_m, z_m = (places.min(axis=0) + places.max(axis=0)) / 2
-    length_m = SPEED_OF_LIGHT_M_S / float(capture.frequencies_hz.mean())
+    length_m = SPEED_OF_LIGHT_M_S / float(capture.vacuum_hz.mean())
     size_m = max(float(np.ptp(places, axis=0).max()), length_m)
-    wide_m = WIDE * size_m
-    across_m = np.arange(-wide_m, wide_m, max(CELL * length_m, wide_m / 40))
-    return VoxelGrid(x_m + across_m, y_m + across_m, z_m + np.linspace(NEAR, FAR, DEPTHS) * size_m)
+    across_m = size_m * np.linspace(-WIDE, WIDE, PIXELS)
+    depths_m = size_m * np.linspace(NEAR, FAR, DEPTHS)
+    return VoxelGrid(x_m + across_m, y_m + across_m, z_m + depths_m)

@@ -1,7 +1,8 @@
 """The report of a result: tables, figures and HTML pages, each of which needs no other files."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -84,14 +85,15 @@ def build(folder: str | Path, out: str | Path) -> Path:
     copyfile(folder / "table.csv", out / "table.csv")
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
-    pages, captures = by_page(result.scored()), _drawn(result, out / "figures")
-    first = list(islice(captures, len(pages[FIRST])))
-    titles = result.about.method_titles
+    pages = by_page(result.scored())
     shared = {"about": result.about, "pages": pages, "methods": methods(result)}
     shared |= {"shown": main_method(result), "scales": scene3d.scales()}
-    for path in list(pages)[1:]:
-        group = list(islice(captures, len(pages[path])))
-        write_text(out / path, render("captures.html", path=path, captures=group, **shared))
+    with closing(_drawn(result, out / "figures")) as captures:
+        first = list(islice(captures, len(pages[FIRST])))
+        for path in list(pages)[1:]:
+            group = list(islice(captures, len(pages[path])))
+            write_text(out / path, render("captures.html", path=path, captures=group, **shared))
+    titles = result.about.method_titles
     write_text(
         out / FIRST,
         render(
@@ -129,7 +131,7 @@ def main_method(result: Result) -> str:
     return "3fsk" if "3fsk" in names else next(iter(names), "")
 
 
-def _drawn(result: Result, folder: Path) -> Iterator[Drawn]:
+def _drawn(result: Result, folder: Path) -> Generator[Drawn, None, None]:
     """Draw the pictures of all captures into `folder`, with PDFs for a paper for those on the first
     page. Yields the captures in their order.
     As many processes as there are cores share them, because matplotlib must not be used in

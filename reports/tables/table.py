@@ -28,10 +28,8 @@ PAIRS = (  # the main ones
 )
 NOTE = (
     "Each figure is formed for each capture and then averaged, but for the pooled ones. Small "
-    "print: its 95 % confidence interval, the paper's figure, and the ratio of ours to it. "
-    "★: the best figure and all that are not shown to be worse (paired test on the same "
-    "captures). p is corrected for all pairs of a metric (Holm); the effect is the difference over "
-    "the standard deviation of the paired differences."
+    "print: its 95 % confidence interval and the paper's figure. ★: the best figure and all that "
+    "are not shown to be worse (paired test on the same captures)."
 )
 
 
@@ -72,8 +70,8 @@ def main_lines(result: Result, metrics: Iterable[str] = METRICS) -> pd.DataFrame
 
 def figures(result: Result, lines: pd.DataFrame) -> Table:
     """Return figures as a table with a row for each method and a column for each metric and
-    treatment. Below a figure are its interval, the paper's figure and the ratio of both. A star
-    marks the best of the tested figures and all that are not shown to be worse, unless all are.
+    treatment. Below a figure are its interval and the paper's figure. A star marks the best of
+    the tested figures and all that are not shown to be worse, unless all are.
     lines: of the result's table or of `Result.equal`, each metric against one reference."""
     texts: dict[str, dict[str, str]] = {}
     lines = lines.dropna(subset="value")
@@ -97,13 +95,11 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
 
 
 def _cell(line: Any) -> str:
-    """Return a figure, in further lines its interval, the paper's figure and the ratio of both.
+    """Return a figure, in further lines its interval and the paper's figure.
     line: with value, low, high, unit and, except under equal treatment, paper."""
     text = stacked(line.value, line.low, line.high, line.unit)
     theirs = getattr(line, "paper", None)
-    if not is_known(theirs):
-        return text
-    return f"{text}\npaper {paper(theirs, line.unit)}\nratio {number(line.value / theirs, 2)}"
+    return f"{text}\npaper {paper(theirs, line.unit)}" if is_known(theirs) else text
 
 
 def every_figure(result: Result) -> list[Table]:
@@ -122,7 +118,7 @@ def of_paper(result: Result) -> Table | None:
         return None
     lines = lines[lines.metric.isin(known.metric) & lines.method.isin(known.method)]
     table = figures(result, lines).turned
-    small_print = r"(?s)\n(?:\[.*?\]\n)?paper (\S+).*"
+    small_print = r"\n(?:\[.*?\]\n)?paper (\S+)"
     texts = table.texts.rename_axis(None).replace(small_print, r" (\1)", regex=True)
     return Table(f"{table.caption}: ours (paper)", texts)
 
@@ -155,7 +151,11 @@ def differences(result: Result, main: bool = False) -> Table:
         "p": lines.p_corrected.map(p_text),
         "effect": lines.effect.map(lambda effect: number(effect, 2)),
     }
-    caption = f"{'Main' if main else 'All'} pairs of methods on {len(result.scored())} captures"
+    caption = (
+        f"{'Main' if main else 'All'} pairs of methods on {len(result.scored())} captures; p is "
+        "corrected for all pairs of a metric (Holm), effect: the difference over the standard "
+        "deviation of the paired differences"
+    )
     return Table(caption, pd.DataFrame(texts).set_axis(lines.sentence.tolist()), left=1)
 
 
@@ -176,4 +176,5 @@ def settings(metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Tab
         for name, line in pd.concat([unbeaten, lines[~lines.on_front]]).iterrows()
     }
     cells = pd.DataFrame.from_dict(texts, orient="index").rename(titles).rename_axis("setting")
-    return Table(f"{title} against time; (n): beaten by setting n of the front", cells)
+    against = AGAINST.get(next(iter(lines.reference)), "")
+    return Table(f"{title} {against} over time; (n): beaten by setting n of the front", cells)

@@ -78,7 +78,7 @@ def test_surfaces_are_ranked_from_the_scores():
         ("5-views", "seconds", 10.0),
         ("3fsk", "seconds", 0.1),
     ]
-    scores = pd.DataFrame(lines, columns=["method", "metric", "value"])
+    scores = pd.DataFrame(lines, columns=["method", "metric", "value"]).assign(reference="truth")
     found = fronts(table(slow=(0.5, 0.3, 50.0)), scores, {})
     assert found[HEADLINE].index.tolist() == ["slow"]
     assert front(found[SURFACE]).index.tolist() == ["5-views", "8-views"]

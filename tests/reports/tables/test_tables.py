@@ -40,8 +40,6 @@ def test_every_reference_has_a_table_with_the_papers_figures_and_the_floor(resul
         for title, paper in (("MAE (mm)", ("6.6", "1.7", "1.0", "13.4")),):
             lines = [cell.split("\n") for cell in texts.loc[title]]
             assert tuple(line[2] for line in lines) == tuple(f"paper {of}" for of in paper)
-            ratios = [float(line[0]) / float(of) for line, of in zip(lines, paper, strict=True)]
-            assert [line[3] for line in lines] == [f"ratio {ratio:.2f}" for ratio in ratios]
         assert set(texts.loc["ground-truth floor (mm)"]) == {floor}
 
 
