@@ -1,8 +1,12 @@
 """Inspection of captures and photographs: everything that a run may read is read, and all problems
 are reported."""
 
+from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
+
+import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import (
@@ -14,23 +18,23 @@ from handbench.bench.datasets.native import (
     NativeCapture,
 )
 from handbench.bench.pipeline.image import configured
-from handbench.bench.validation.checks import (
-    CHANNELS,
-    board_warnings,
-    lengths,
-    size,
-    transform_warnings,
-)
+from handbench.bench.validation.checks import CHANNELS, lengths, size, transform_warnings
 from handbench.bench.validation.report import Report
 from handbench.calibration.spheres.description import load_target
-from handbench.groundtruth.board.board import load_board
+from handbench.groundtruth.board.board import Board, load_board
 from handbench.groundtruth.cameras.camera_files import cameras_of
+from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.errors import HandbenchError
 
 FEWEST_POSES = 3  # of photographs, which give their scale
+# of cameras that photograph a hand, from the board next to it
+NEAREST_M = 0.05
+FARTHEST_M = 2.0
+LOOKED_AT = 3  # photographs in which a board is looked for, at most
+FEWEST_SEEN = 4  # corners that make it a board
 
 
 def inspect_capture(
@@ -102,3 +106,30 @@ def inspect_photos(folder: Path, report: Report, scaled: bool = True) -> None:
         report.refuse(folder, text) if scaled else report.warn(folder, [text])
     if board is not None:
         report.warn(described, board_warnings(photos, board, cameras or ()))
+
+
+def board_warnings(
+    photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
+) -> Iterator[str]:
+    """Check that a board is in metres: the first photograph that shows it was taken from a
+    plausible distance. cameras: give the focal length; without them, the one stored in the
+    photograph is used."""
+    from handbench.groundtruth.board.markers import detect_corners, focal_length_px  # with cv2
+
+    corners_m = board.corners_m()
+    for photo, camera in zip_longest(photos[:LOOKED_AT], cameras[:LOOKED_AT]):
+        seen = detect_corners(photo, board)
+        if len(seen) < FEWEST_SEEN:
+            continue
+        focal_px = (
+            camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
+        )
+        board_m = np.linalg.norm(np.std([corners_m[id][k] for id, k in seen], axis=0))
+        board_px = np.linalg.norm(np.std([*seen.values()], axis=0))
+        distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / board_px)
+        if not NEAREST_M < distance_m < FARTHEST_M:
+            yield (
+                f"{photo.name} was taken {distance_m:.2g} m from the board, as the board's "
+                "description has it; measure a marker and give its side in metres"
+            )
+        return

@@ -8,7 +8,6 @@ and mistakes.py have those that do.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import zip_longest
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -19,10 +18,7 @@ from handbench.radar.data.depthmap import FLAGGED
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
     from handbench.calibration.transforms import Transform
-    from handbench.groundtruth.board.board import Board
-    from handbench.groundtruth.cameras.cameras import Camera
     from handbench.groundtruth.mesh.surface import Surface
-    from handbench.groundtruth.photos.photos import Photo
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
 
@@ -39,11 +35,6 @@ CROWDED_PERCENT = 50
 WIDE_M = 0.1
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
-# of cameras that photograph a hand, from the board next to it
-NEAREST_M = 0.05
-FARTHEST_M = 2.0
-LOOKED_AT = 3  # photographs in which a board is looked for, at most
-FEWEST_SEEN = 4  # corners that make it a board
 CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
 
 Thing = TypeVar("Thing")
@@ -161,33 +152,6 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
         yield (
             "it moves all of mesh.ply behind the radar; check that it is not the inverse transform"
         )
-
-
-def board_warnings(
-    photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
-) -> Iterator[str]:
-    """Check that a board is in metres: the first photograph that shows it was taken from a
-    plausible distance. cameras: give the focal length; without them, the one stored in the
-    photograph is used."""
-    from handbench.groundtruth.board.markers import detect_corners, focal_length_px
-
-    corners_m = board.corners_m()
-    for photo, camera in zip_longest(photos[:LOOKED_AT], cameras[:LOOKED_AT]):
-        seen = detect_corners(photo, board)
-        if len(seen) < FEWEST_SEEN:
-            continue
-        focal_px = (
-            camera.params[0] if camera else photo.focal_px or focal_length_px(photo, seen, board)
-        )
-        board_m = np.linalg.norm(np.std([corners_m[id][k] for id, k in seen], axis=0))
-        board_px = np.linalg.norm(np.std([*seen.values()], axis=0))
-        distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / board_px)
-        if not NEAREST_M < distance_m < FARTHEST_M:
-            yield (
-                f"{photo.name} was taken {distance_m:.2g} m from the board, as the board's "
-                "description has it; measure a marker and give its side in metres"
-            )
-        return
 
 
 def focus(depth: DepthMap) -> Iterator[str]:

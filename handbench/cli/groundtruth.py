@@ -23,7 +23,7 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError(
             f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
         )
-    from handbench.bench.validation.checks import board_warnings
+    from handbench.bench.validation.captures import board_warnings
     from handbench.groundtruth.board.board import load_board
     from handbench.groundtruth.options import Options
     from handbench.groundtruth.photos.photos import find_photos

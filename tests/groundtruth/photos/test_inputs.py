@@ -5,7 +5,6 @@ from contextlib import nullcontext
 import pytest
 from PIL import Image
 
-from handbench.cli.groundtruth import _values
 from handbench.cli.main import parser
 from handbench.groundtruth.cameras.cameras import save_cameras
 from handbench.groundtruth.options import Options
@@ -20,7 +19,8 @@ from tests.groundtruth.room import around, look, photograph, true_camera
 
 def options_of(*arguments):
     chosen = parser().parse_args(["groundtruth", "photos", "-o", "out.ply", *arguments])
-    return parse(Options, _values(chosen), "groundtruth")
+    values = {name: value for name, value in vars(chosen).items() if name in Options.model_fields}
+    return parse(Options, values, "groundtruth")
 
 
 def test_the_commands_arguments_reach_the_options():
