@@ -46,7 +46,7 @@ class Drawn:
     array; scene: its content of the 3-D view. None for what it does not have."""
 
     facts: CaptureFacts
-    table: Table
+    table: Table | None
     pictures: list[Image]
     film: Image | None
     still: Image | None

@@ -92,7 +92,7 @@ def limits(result: Result) -> list[str]:
             texts.append(f"{result.title(metric)} {'–'.join(dict.fromkeys(ends))} {unit}")
     if result.comparisons.p_corrected.isna().all():
         count = len(result.scored())
-        texts.append(f"{count} capture{'s' * (count > 1)}: no tests")
+        texts.append(f"{count} capture{'s' * (count != 1)}: no tests")
     if result.busy():
         texts.append("machine busy: times too long")
     return texts
@@ -114,12 +114,16 @@ def _order_of_paper(result: Result) -> str:
     return f"by {result.title(HEADLINE)}, the methods are in the paper's order{but}"
 
 
-def capture_table(result: Result, capture: CaptureFacts) -> Table:
-    """Return the table of one capture: those of the main metrics that it has, of every method."""
+def capture_table(result: Result, capture: CaptureFacts) -> Table | None:
+    """Return the table of one capture: those of the main metrics that it has, of every method. None
+    if it has no figures, because its reference failed or all methods did."""
     scores = result.scores
     lines = scores[(scores.capture == capture.name) & scores.metric.isin(chosen("summary"))]
     lines = lines[(lines.treatment == "") & (lines.frame == 0)]
-    lines = lines[lines.reference == drawn_references([capture])[0]].dropna(subset="value")
+    drawn = drawn_references([capture])[:1]
+    lines = lines[lines.reference.isin(drawn)].dropna(subset="value")
+    if lines.empty:
+        return None
     units = {key: metric.unit for key, metric in result.about.metrics.items()}
     lines = lines.assign(low=math.nan, high=math.nan, unit=lines.metric.map(units))
     table = figures(result, lines)  # whose stars are of the tests on all captures

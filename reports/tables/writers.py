@@ -168,7 +168,10 @@ def _tex_character(character: str) -> str:
 def terminal(table: Table, rest: str = "") -> None:
     """Print a table on stdout, without small print and never wider than the terminal (80 characters
     in a pipe). Columns that do not fit beside the others follow below; no number is broken.
-    rest: where the rows after the first 20 (ROWS) are."""
+    Nothing is printed for a table without figures. rest: where the rows after the first 20 (ROWS)
+    are."""
+    if table.texts.empty:
+        return
     console, texts = Console(highlight=False), [*range(table.left)]
     unlimited = console.options.update(width=10_000)
     parts = [texts]

@@ -191,9 +191,11 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
 
 
 def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
+    """The capture's reference failed, so it has no table."""
     changed = tmp_path / "changed"
     shutil.copytree(folder, changed)
     about = read_json(changed / "result.json", "")
+    about["captures"][0]["references"] = []
     noise = {"effect": "noise", "on": True, "why": "<b>", "depth_mm": 0.25, "seconds": 1.5}
     about["captures"][0]["effects"] = [noise | {"level_db": None}]
     about["failures"] = [{"capture": "X", "stage": "score", "message": "<b>no</b>"}]
@@ -202,7 +204,7 @@ def test_effects_and_failures_are_shown(folder, tmp_path, undrawn):
     text = html.build(changed, tmp_path / "out").read_text(encoding="utf-8")
     assert "<b>no" not in text and "X: score failed: &lt;b&gt;no" in text
     assert "1 of 1" in text and "0.25" in text and "Every pair of methods" in text
-    assert 'class="star"' not in text  # nothing is tested, so no method has the best figure
+    assert "★ " not in text  # nothing is tested, so no method has the best figure
 
 
 def test_the_best_method_the_registration_and_a_film_are_shown(folder, tmp_path, undrawn):
