@@ -68,12 +68,13 @@ class Work:
 
     def line(self) -> str:
         """Return the number of the part at work, of all; the time since the start; and the running
-        parts with the current step."""
+        parts, if there are any, with the current step."""
         at, running = self.done + 1, list(self.running)
         count = f"{min(at, self.total)} of {self.total}" if self.total else f"{at}"
         others = f" and {len(running) - 1} more" if len(running) > 1 else ""
         now = ", ".join(filter(None, (*running[:1], self.detail)))
-        return f"{count}, {duration(time.monotonic() - self.start)}: {now}{others}"
+        text = f"{count}, {duration(time.monotonic() - self.start)}"
+        return f"{text}: {now}{others}" if now else text
 
 
 _current: Work | None = None
