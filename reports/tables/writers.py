@@ -206,6 +206,13 @@ def _grid(table: Table) -> Grid:
 
 
 def notes(*texts: str) -> None:
-    """Print texts on one line of stdout or, if they do not fit, each on its own."""
-    joined = "; ".join(texts)
-    print(joined if len(joined) <= Console().width else "\n".join(texts))
+    """Print texts on stdout, as many on a line as fit on it; none is broken."""
+    width = Console().width
+    lines = [""]
+    for text in texts:
+        joined = "; ".join(filter(None, (lines[-1], text)))
+        if not lines[-1] or len(joined) <= width:
+            lines[-1] = joined
+        else:
+            lines.append(text)
+    print("\n".join(lines))
