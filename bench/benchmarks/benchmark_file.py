@@ -381,22 +381,16 @@ def expanded(entries: Sequence[MethodEntry], path: Path) -> tuple[MethodEntry, .
             f"{path}: its sweeps make {count} methods; expected at most {MOST_TABLES}; list fewer "
             "values"
         )
-    settings: list[MethodEntry] = []
-    problems: list[str] = []
-    for entry in entries:
-        try:
-            settings += [checked_entry(setting, path) for setting in _combinations(entry, path)]
-        except HandbenchError as error:
-            problems += error.problems
-    if problems:
-        raise HandbenchError(problems[0], problems)
+    settings = tuple(
+        checked_entry(setting, path) for entry in entries for setting in _combinations(entry, path)
+    )
     labels = [setting.label for setting in settings]
     if twice := next((label for label in labels if labels.count(label) > 1), None):
         raise HandbenchError(
             f"{path}: method '{twice}' is listed twice; list it once, or give it another name "
             '(name = "…")'
         )
-    return tuple(settings)
+    return settings
 
 
 def _combinations(entry: MethodEntry, path: Path) -> Iterator[MethodEntry]:

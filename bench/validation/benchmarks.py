@@ -1,6 +1,7 @@
 """Inspection of benchmark and scene files, and of everything that they name."""
 
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ from handbench.bench.benchmarks.benchmark_file import (
     MethodEntry,
     Origin,
     Source,
+    checked_entry,
+    expanded,
     find_benchmark,
-    load_benchmark,
     require_clear,
     scene_of,
 )
@@ -50,18 +52,21 @@ def inspect_scene(path: Path, report: Report) -> SceneFile | None:
 
 def inspect_benchmark(name: str, report: Report) -> list[NativeCapture]:
     """Read a benchmark file with everything that it names, and report the problems of all methods
-    and captures. name: as for `load_benchmark`. Returns the captures that can be read."""
+    and captures. name: as for `find_benchmark`. Returns the captures that can be read."""
     path = find_benchmark(name)
-    read = partial(report.read, path)
-    loaded = read(partial(load_benchmark, name))
-    if loaded is None:
+    bench = report.read(path, partial(load, BenchFile, path, "a benchmark description"))
+    if bench is None:
         return []
-    bench, base = loaded
+    read = partial(report.read, path)
+    entries = [entry for entry in bench.method if read(partial(checked_entry, entry, path))]
+    methods = read(partial(expanded, entries, path)) or ()
+    bench = bench.model_copy(update={"method": methods})
     for origin in bench.calibration:
-        read(partial(_inspect_target, base, origin, report))
+        read(partial(_inspect_target, path.parent, origin, report))
+    sets = (read(partial(each.sources, path.parent)) or () for each in bench.dataset or ())
     recorded: dict[str, NativeCapture | None] = {}
-    for source in track(bench.capture, "captures"):
-        opened = read(partial(_inspect_source, bench, base, path, source, report))
+    for source in track([*bench.capture, *chain(*sets)], "captures"):
+        opened = read(partial(_inspect_source, bench, path, source, report))
         for name, capture in (opened or {}).items():
             read(partial(require_clear, name, f"capture '{name}'"))
             if name in recorded:
@@ -87,36 +92,38 @@ def _inspect_target(base: Path, origin: Origin, report: Report) -> None:
 
 
 def _inspect_source(
-    bench: BenchFile, base: Path, path: Path, source: Source, report: Report
+    bench: BenchFile, path: Path, source: Source, report: Report
 ) -> dict[str, NativeCapture | None]:
     """Read a capture or scene of a benchmark, and report its problems, also with each method.
-    base: folder to which the paths in the benchmark file `path` are relative. Returns the capture
-    by its name; the name of a scene leads to None."""
+    path: the benchmark file. Returns the capture by its name; the name of a scene, or the names of
+    its persons, lead to None."""
     recorded: NativeCapture | None = None
     if source.path is not None:
-        folder = inside(base, source.path, "capture.path")
+        folder = inside(path.parent, source.path, "capture.path")
         opened = inspect_capture(folder, report, bench.frames_of(source))
         if opened is None:
             return {}
         recorded, echoes = opened
-        about = recorded.about
+        about, names = recorded.about, [recorded.about.name]
         if "accuracy" in source.measures:
             report.read(path, partial(require_reference, recorded, bool(bench.calibration)))
     else:
-        file = inside(base, source.scene or "", "capture.scene")
+        file = inside(path.parent, source.scene or "", "capture.scene")
         if inspect_scene(file, report) is None:
             return {}
-        scene, _ = scene_of(bench, base, source)
-        about, echoes = CaptureFile(name=scene.name), _echoes_of(scene, bench.frames_of(source))
+        scenes = [scene_of(bench, path.parent, one)[0] for one in source.each()]
+        names = [scene.name for scene in scenes]
+        about, echoes = CaptureFile(name=names[0]), _echoes_of(scenes[0], bench.frames_of(source))
     for entry in bench.method:
         where = f"{path}: capture '{about.name}' with method '{entry.label}'"
         if entry.maps is not None and "accuracy" in source.measures:
-            file = base / entry.maps / f"{about.name}.npz"
-            report.read(where, partial(_require_map, bench, file, entry, about))
+            for name in names:
+                map_of = partial(_require_map, bench, path.parent / entry.maps / f"{name}.npz")
+                report.read(where, partial(map_of, entry, about))
         if not entry.foreign and ("accuracy" in source.measures or entry.precision):
             frames = bench.model_copy(update={"method": (entry,)}).frames_of(source)
             report.read(where, partial(_require_imaged, entry, about, echoes, frames))
-    return {about.name: recorded}
+    return dict.fromkeys(names, recorded)
 
 
 def _echoes_of(scene: SceneFile, frames: int) -> RadarCapture:
