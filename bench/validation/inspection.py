@@ -1,8 +1,6 @@
 """Inspection of any file or folder that handbench reads, which reports all problems at once."""
 
-import shutil
 import sys
-import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -30,7 +28,7 @@ from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.pictures import SUFFIXES
-from handbench.support.progress import track
+from handbench.support.progress import print_wrapped, track
 
 # what reads a file, and the checks of its content: by the end of its name, or by a key in it
 READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[str]], ...]]] = {
@@ -46,13 +44,16 @@ JSON = "cameras, an array's calibration or a transform"
 
 
 def show(inputs: Sequence[str]) -> None:
-    """Print every problem and warning of every input, and their number at the end. Raises
-    HandbenchError if there are problems."""
+    """Print every problem and warning of every input, and their number at the end. A terminal shows
+    long ones broken between words. Raises HandbenchError if there are problems."""
     counts = Counter({"input": len(inputs)})
     for name in inputs:
         report = inspect(name)
         for line in report.lines or [f"{name}: no problem found"]:
-            _print(line)
+            if sys.stdout is not None and sys.stdout.isatty():
+                print_wrapped(line, "    ")
+            else:
+                print(line)
         counts.update("warning" if warning else "problem" for warning in report.lines.values())
     kinds = [kind for kind in ("problem", "warning", "input") if counts[kind]]
     counted = ", ".join(f"{counts[kind]} {kind}{'s' * (counts[kind] > 1)}" for kind in kinds)
@@ -60,17 +61,6 @@ def show(inputs: Sequence[str]) -> None:
         raise HandbenchError(f"inspect: {counted}; correct the problems")
     if counts["warning"]:
         print(f"{counted}; correct what is not intended")
-
-
-def _print(line: str) -> None:
-    """Print a line. On a terminal, a long one is broken between words."""
-    if sys.stdout is not None and sys.stdout.isatty():
-        width = shutil.get_terminal_size().columns
-        wrap = textwrap.TextWrapper(
-            width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
-        )
-        line = wrap.fill(line)
-    print(line)
 
 
 def inspect(name: str) -> Report:

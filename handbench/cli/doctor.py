@@ -2,12 +2,12 @@
 
 import argparse
 import shutil
-import textwrap
 
 from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import machine
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import print_wrapped
 from handbench.support.rays import load_open3d
 from handbench.support.store import versions
 
@@ -41,9 +41,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _print(works: bool, part: str, otherwise: str = "") -> None:
     """Print whether a part works, and if it does not, what to do."""
-    text = f"ok  {part}" if works else f"--  {part}: {otherwise}"
-    columns = shutil.get_terminal_size().columns
-    print(textwrap.fill(text, columns, subsequent_indent="    ", break_on_hyphens=False))
+    print_wrapped(f"ok  {part}" if works else f"--  {part}: {otherwise}", "    ")
 
 
 def _require_cuda() -> None:

@@ -15,6 +15,7 @@ from handbench.radar.methods.registry import Method, methods
 from handbench.radar.simulation.known_effects import DECLARED
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import print_wrapped
 
 SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
 TERM = 24  # characters before the meaning of a term, which follows a longer one
@@ -61,10 +62,8 @@ def _print_lines(section: str, entries: list[Entry]) -> None:
 
 def _print_in_full(entry: Entry) -> None:
     print(f"{entry.name}: {entry.summary}")
-    columns, after = get_terminal_size().columns, " " * (TERM + 4)
     for term, meaning in entry.details.items():
-        line = f"  {term:<{TERM}}  {meaning}"
-        print(textwrap.fill(line, columns, subsequent_indent=after, break_on_hyphens=False))
+        print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
 
 
 def _entries(section: str) -> Iterator[Entry]:

@@ -1,7 +1,9 @@
-"""Progress of a command on stderr: one line, drawn again and again on a terminal, and printed every
-10 s elsewhere."""
+"""What a command prints: its progress on stderr, one line, drawn again and again on a terminal and
+printed every 10 s elsewhere; and long lines of its output, broken between words."""
 
+import shutil
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sized
@@ -22,6 +24,16 @@ def say(text: str) -> None:
     erase = ERASE_LINE if sys.stderr.isatty() else ""
     sys.stderr.write(f"{erase}{text}\n")
     sys.stderr.flush()
+
+
+def print_wrapped(text: str, indent: str) -> None:
+    """Print a text on stdout, broken between words to the width of the terminal (80 without one).
+    indent: begins all lines but the first."""
+    width = shutil.get_terminal_size().columns
+    wrap = textwrap.TextWrapper(
+        width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )
+    print(wrap.fill(text))
 
 
 def duration(seconds: float) -> str:
