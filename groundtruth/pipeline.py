@@ -15,7 +15,7 @@ from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Volume
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
-from handbench.groundtruth.mesh.mesh_files import write_cloud
+from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.mesh.target import TargetParts
 from handbench.groundtruth.mesh_stage import MESH, TARGET
@@ -132,7 +132,8 @@ def reconstruct(
             )
             with atomic_folder(workdir / "sparse") as folder:
                 write_model(sparse.model, folder)
-            write_cloud(workdir / "dense.ply", cloud.points_m, cloud.normals)
+            columns = by_axis(cloud.points_m) | by_axis(cloud.normals, "n")
+            write_ply(workdir / "dense.ply", columns, np.empty((0, 3)))
             write_json(workdir / "summary.json", facts | result.summary())
             say(f"{workdir}: wrote sparse/, dense.ply and summary.json")
         return result

@@ -27,7 +27,8 @@ from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
 from handbench.bench.scenes.stand import stand_board
 from handbench.groundtruth.board.board import save_board
 from handbench.groundtruth.cameras.cameras import load_pycolmap, save_cameras
-from handbench.groundtruth.mesh.mesh_files import write_mesh, write_moving_mesh
+from handbench.groundtruth.mesh.mesh_files import write_mesh
+from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.known_effects import Choice
 from handbench.radar.warmup import announce
@@ -95,7 +96,7 @@ def write_photos(
         file = folder / TRUTHS / f"{frame:03}.ply"
         file.parent.mkdir(exist_ok=True)
         faces = np.asarray(scene.target_mesh.triangles)
-        write_moving_mesh(file, vertices_m, velocity_m_s, faces)
+        write_ply(file, by_axis(vertices_m) | by_axis(velocity_m_s, "v"), faces)
         if frame == 0:
             shutil.copyfile(file, folder / TRUTH)
     scene.radar_from_photo.save(folder / TRUE_TRANSFORM)

@@ -10,11 +10,12 @@ from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.dense.kernels import compile_kernels
 from handbench.groundtruth.mesh.depth import depth_on_grid, reference_on_grid
-from handbench.groundtruth.mesh.mesh_files import raycasting_scene, read_mesh
+from handbench.groundtruth.mesh.mesh_files import read_mesh
 from handbench.groundtruth.options import Options, Quality
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
+from handbench.support.rays import embree
 from handbench.support.store import stage
 
 QUALITY = "quality.json"
@@ -83,7 +84,8 @@ def measure_quality(folder: Path, capture: str, quality: Quality, seed: int) -> 
     if not both.any():
         raise HandbenchError(f"{data.photos}: the reconstruction shows nothing of the true surface")
     points_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[both]
-    distance_m = raycasting_scene(truth).compute_distance(points_m.astype(np.float32)).numpy()
+    rays = embree(np.asarray(truth.vertices), np.asarray(truth.triangles))
+    distance_m = rays.compute_distance(points_m.astype(np.float32)).numpy()
     figures = {
         "surface_rms_mm": 1e3 * float(np.sqrt(np.mean(distance_m.astype(float) ** 2))),
         "observed_percent": 100 * float(both.sum() / np.isfinite(true_z_m).sum()),

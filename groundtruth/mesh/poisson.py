@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.mesh.mesh_files import point_cloud, repair
+from handbench.groundtruth.mesh.mesh_files import repair
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh, load_open3d
@@ -70,7 +70,8 @@ def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     """
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
-    points = point_cloud(cloud.points_m, cloud.normals)
+    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
+    points.normals = o3d.utility.Vector3dVector(cloud.normals)
     # Poisson's cube is 1.1 times the points' box
     extent = np.ptp(cloud.points_m, axis=0).max() * 1.1
     depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))

@@ -7,16 +7,11 @@ import numpy as np
 
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles
+from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path
 from handbench.support.rays import TriangleMesh
 
-VERTEX = np.dtype(
-    [("x", "<f8"), ("y", "<f8"), ("z", "<f8"), ("sigma_m", "<f4"), ("observed", "u1")]
-)
-FACE = np.dtype([("count", "u1"), ("vertices", "<i4", (3,))])
 VELOCITY = ("vx", "vy", "vz")  # properties of a PLY file's vertices, metres per second
-PLY_NAMES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
 
 
 @dataclass(frozen=True)
@@ -55,27 +50,17 @@ class Surface:
 
     def save(self, file: str | Path) -> None:
         """Write the surface as a binary PLY file, atomically. Each vertex has the further
-        properties sigma_m and observed."""
-        vertices = np.empty(len(self.vertices_m), dtype=VERTEX)
-        for name, column in zip("xyz", self.vertices_m.T, strict=True):
-            vertices[name] = column
-        vertices["sigma_m"], vertices["observed"] = self.sigma_m, self.observed
-        faces = np.empty(len(self.faces), dtype=FACE)
-        faces["count"], faces["vertices"] = 3, self.faces
-        properties = "".join(
-            f"property {PLY_NAMES[VERTEX[name].str]} {name}\n" for name in VERTEX.names
-        )
-        header = (
-            "ply\nformat binary_little_endian 1.0\ncomment handbench, metres\nelement vertex "
-            f"{len(vertices)}\n"
-            f"{properties}element face {len(faces)}\nproperty list uchar int "
-            "vertex_indices\nend_header\n"
-        )
-        with atomic_path(file) as temporary:
-            temporary.write_bytes(header.encode() + vertices.tobytes() + faces.tobytes())
+        properties sigma_m and observed, and vx, vy and vz if the velocity is known."""
+        columns = by_axis(self.vertices_m) | {
+            "sigma_m": self.sigma_m.astype(np.float32),
+            "observed": self.observed.astype(np.uint8),
+        }
+        if self.velocity_m_s is not None:
+            columns |= by_axis(self.velocity_m_s, "v")
+        write_ply(file, columns, self.faces)
 
 
-def read_surface(file: str | Path) -> "Surface":
+def read_surface(file: str | Path) -> Surface:
     """Read a surface in metres from a PLY, OBJ or STL file.
 
     The uncertainty comes from the vertex properties sigma_m and observed of a PLY file. If they are
@@ -85,18 +70,11 @@ def read_surface(file: str | Path) -> "Surface":
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
     observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0
-    return Surface(vertices_m, faces, sigma_m, observed, _velocity_m_s(file, columns))
-
-
-def _velocity_m_s(file: str | Path, columns: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Return the velocities [n, 3] of the vertices from the further properties of a PLY file; None
-    if it has none. Raises HandbenchError for velocities that are NaN or infinite."""
-    if not columns.keys() >= set(VELOCITY):
-        return None
-    velocity_m_s = np.stack([columns[name] for name in VELOCITY], axis=1).astype(np.float64)
-    if bad := int((~np.isfinite(velocity_m_s)).any(axis=1).sum()):
-        raise HandbenchError(
-            f"{file}: {', '.join(VELOCITY)} of {bad} vertices are NaN or infinite; expected metres "
-            "per second; make the file again"
-        )
-    return velocity_m_s
+    velocity_m_s = None
+    if columns.keys() >= set(VELOCITY):
+        velocity_m_s = np.stack([columns[name] for name in VELOCITY], axis=1).astype(np.float64)
+        if not np.isfinite(velocity_m_s).all():
+            raise HandbenchError(
+                f"{file}: {', '.join(VELOCITY)} are NaN or infinite; expected metres per second"
+            )
+    return Surface(vertices_m, faces, sigma_m, observed, velocity_m_s)
