@@ -52,9 +52,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> t
             )
             known = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in known)
     else:
-        names = [photo.name for photo in photos]
-        is_xml = path.suffix.lower() == ".xml"
-        known = read_metashape(path, names) if is_xml else load_cameras(path)
+        known = (read_metashape if path.suffix.lower() == ".xml" else load_cameras)(path)
     cameras = []
     for photo, camera in _pairs(photos, known, path):
         if camera is None:

@@ -14,6 +14,8 @@ CAMERA_TO_CHUNK = np.eye(4)
 CAMERA_TO_CHUNK[:3, :3] = Rotation.from_euler("xyz", (170, 10, -20), degrees=True).as_matrix()
 CAMERA_TO_CHUNK[:3, 3] = (0.7, -1.1, 9.0)
 TURN = Rotation.from_euler("xyz", (-60, 30, 15), degrees=True).as_matrix()
+BOMB = "<!ENTITY a0 'boom'>"
+BOMB += "".join(f"<!ENTITY a{k + 1} '{10 * f'&a{k};'}'>" for k in range(9))
 SCALE, SHIFT_M = 0.05, np.array([10.0, 20.0, -3.0])
 
 
@@ -86,7 +88,7 @@ def test_without_a_scale_there_are_no_poses_and_labels_may_be_paths(tmp_path):
         ("<f>", "<k4>0.1</k4><f>", "k4"),
         ("<f>", "<b2>0.147</b2><f>", "b2"),  # 0.05 px at the picture's edge, 240 px off
         ("<f>700.0", "<f>nan", r"cams\.xml"),
-        ("<document", "<!DOCTYPE d [<!ENTITY a 'b'>]><document", "DOCTYPE"),
+        ("<document", f"<!DOCTYPE d [{BOMB}]><document l='&a9;'", "XML"),
         ("</document>", "", "XML"),
         ("frame", "fisheye", "frame"),
         ("sensor_id='0'", "sensor_id='9'", r"cams\.xml"),
