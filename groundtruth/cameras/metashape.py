@@ -65,7 +65,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
             )
             for camera in chunk.iterfind("cameras//camera")
         )
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError) as error:
         raise HandbenchError(
             f"{path}: is not a cameras file of Metashape ({error}); export the cameras again"
         ) from error
@@ -102,11 +102,12 @@ def _intrinsics(sensor: ElementTree.Element, name: str) -> tuple[int, int, tuple
         calibration = sensor.find("calibration")
     if calibration is None or sensor.get("type", "frame") != "frame":
         raise HandbenchError(f"camera {name}: is not calibrated as a frame camera; calibrate it so")
-    size = calibration.find("resolution")
-    size = sensor.find("resolution") if size is None else size
-    width, height = int(size.get("width")), int(size.get("height"))
+    size = [*calibration.iter("resolution"), *sensor.iter("resolution")][0].attrib
+    width, height = int(size["width"]), int(size["height"])
     value = defaultdict[str, float](float)
-    value |= {child.tag: float(child.text) for child in calibration if child.tag != "resolution"}
+    value |= {
+        child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"
+    }
     skew = abs(value["b2"]) * height / 2
     if skew >= SMALLEST_SKEW_PX * value["f"] or any(value[term] for term in NOT_IN_COLMAP):
         raise HandbenchError(

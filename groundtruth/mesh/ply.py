@@ -38,14 +38,15 @@ def by_axis(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:
 def write_ply(path: str | Path, columns: dict[str, np.ndarray], faces: np.ndarray) -> None:
     """Write a binary PLY file atomically. columns: the vertices' properties [n] by name; faces [m,
     3]: triangles of vertex indices. Raises HandbenchError if the file cannot be written."""
-    vertices = np.rec.fromarrays([*columns.values()], names=[*columns])
+    row = np.dtype([(name, column.dtype) for name, column in columns.items()])
+    vertices = np.rec.fromarrays([*columns.values()], dtype=row)
     triangles = np.rec.fromarrays([np.full(len(faces), 3, "u1"), *faces.T.astype("i4")])
     header = [
         "ply",
         "format binary_little_endian 1.0",
         "comment handbench, metres",
         f"element vertex {len(vertices)}",
-        *(f"property {WRITTEN_TYPES[kind[1:]]} {name}" for name, kind in vertices.dtype.descr),
+        *(f"property {WRITTEN_TYPES[kind[1:]]} {name}" for name, kind in row.descr),
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "end_header\n",
@@ -81,8 +82,8 @@ def read_ply(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     }
     polygons = defaultdict[int, list[np.ndarray]](list)
     for rows in tables.get("face", []):
-        corners = rows["vertex_index" if "vertex_index" in rows.dtype.fields else "vertex_indices"]
-        polygons[corners.shape[1]].append(corners)
+        name = "vertex_index" if "vertex_index" in (rows.dtype.names or ()) else "vertex_indices"
+        polygons[rows[name].shape[1]].append(rows[name])
     return vertices, [np.concatenate(equal) for equal in polygons.values()]
 
 

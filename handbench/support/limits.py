@@ -27,7 +27,6 @@ MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is ope
 UNFIT = re.compile(rb"[^/]{256}|.{1001}|\0", re.DOTALL)
 NAME_BYTES = 100  # of a capture's or a method's: names of files have both
 MOST_CELLS = 16_000_000  # of a CSV file
-MOST_ELEMENTS = 400_000  # tags and attributes of an XML file
 MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
 MOST_MEMBERS = 1000  # of an archive
 # tomllib is quadratic

@@ -95,6 +95,17 @@ def _lens(*params):
     return change
 
 
+def _spaced_text(model, folder):
+    model.images[1].name = "p 0.png"
+    write(model, folder, binary=False)
+
+
+def _cut(model, folder):
+    """By 40 bytes, after which COLMAP's own reader does not return."""
+    file = write(model, folder) / "points3D.bin"
+    file.write_bytes(file.read_bytes()[:-40])
+
+
 NONSENSE = "impossible values"
 
 
@@ -107,6 +118,8 @@ NONSENSE = "impossible values"
             lambda model, folder: (write(model, folder) / "cameras.bin").unlink(),
             "is not readable as a COLMAP model",
         ),
+        (_spaced_text, "p 0.png' has a space"),
+        (_cut, "the length of points3D.bin"),
         (lambda _, folder: write(exact_model(CENTRES, 19), folder), "has cameras for 0 of the 4"),
         (lambda _, folder: write(exact_model(CENTRES[:2]), folder), "has cameras for 2 of the 4"),
         (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), NONSENSE),
