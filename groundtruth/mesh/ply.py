@@ -46,7 +46,7 @@ def write_ply(path: str | Path, columns: dict[str, np.ndarray], faces: np.ndarra
         "format binary_little_endian 1.0",
         "comment handbench, metres",
         f"element vertex {len(vertices)}",
-        *(f"property {WRITTEN_TYPES[kind[1:]]} {name}" for name, kind in row.descr),
+        *(f"property {WRITTEN_TYPES[row[name].str[1:]]} {name}" for name in columns),
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "end_header\n",

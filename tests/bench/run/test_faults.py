@@ -74,8 +74,8 @@ def test_echoes_beyond_memory_are_refused_before_it_is_taken(tmp_path, monkeypat
         tracemalloc.stop()
 
 
-def test_libraries_that_do_not_mind_a_full_disk_are_minded(tmp_path):
-    """Open3D writes what fits and says nothing; HDF5's library fails when it closes the file."""
+def test_a_full_disk_is_reported_and_leaves_no_file(tmp_path):
+    """HDF5's library fails when it closes the file."""
     sphere = load_open3d().geometry.TriangleMesh.create_sphere(0.02)
     echoes = RadarCapture(np.ones((1, 1, 94, 94), np.complex64), np.array([77e9]), qar50())
     for write, name, what in ((write_mesh, "a.ply", sphere), (save_capture, "a.h5", echoes)):

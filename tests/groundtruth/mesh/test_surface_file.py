@@ -14,7 +14,7 @@ FACES = np.array([(0, 2, 1), (1, 2, 3)])
 
 def test_everything_comes_back(tmp_path):
     sigma_m, observed = np.array([1e-5, 2.5e-5, np.nan, 1.0]), np.array([True, False, True, False])
-    surface = Surface(VERTICES_M, FACES, sigma_m, observed)
+    surface = Surface(VERTICES_M, FACES, sigma_m, observed, VERTICES_M[::-1] / 3)
     for name in ("a.ply", "B.PLY"):
         surface.save(tmp_path / name)
         found = read_surface(tmp_path / name)
@@ -22,6 +22,7 @@ def test_everything_comes_back(tmp_path):
         np.testing.assert_array_equal(found.faces, FACES)
         np.testing.assert_array_equal(found.sigma_m, surface.sigma_m.astype(np.float32))
         np.testing.assert_array_equal(found.observed, surface.observed)
+        np.testing.assert_array_equal(found.velocity_m_s, surface.velocity_m_s)
         assert found.sigma_m.dtype == np.float64 and found.observed.dtype == bool
     assert (tmp_path / "a.ply").read_bytes() == (tmp_path / "B.PLY").read_bytes()
 
