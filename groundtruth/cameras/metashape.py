@@ -21,19 +21,19 @@ rotation · X + translation, in metres if the project has a scale.
 
 from collections import defaultdict
 from pathlib import Path, PureWindowsPath
-from xml.etree import ElementTree
+from typing import Any
+from xml.etree.ElementTree import Element, fromstring
 
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import Camera
+from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_parsed
 from handbench.support.limits import XML_BYTES
 
 NOT_IN_COLMAP = ("k4", "p3", "p4")
 SMALLEST_SKEW_PX = 0.05  # largest effect of B2 at the picture's edge that is ignored
-
-Similarity = tuple[float, np.ndarray, np.ndarray]  # scale, rotation [3, 3], translation [3]
 
 
 def read_metashape(path: str | Path) -> tuple[Camera, ...]:
@@ -44,9 +44,7 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
     one. Raises HandbenchError for a lens that COLMAP cannot represent, and for a file that
     Metashape did not write.
     """
-    root = read_parsed(
-        path, "cameras exported by Metashape", "XML", ElementTree.fromstring, XML_BYTES
-    )
+    root = read_parsed(path, "cameras exported by Metashape", "XML", fromstring, XML_BYTES)
     chunks = [c for c in root.iterfind("chunk") if c.find("cameras//camera") is not None]
     if len(chunks) != 1:
         raise HandbenchError(
@@ -56,83 +54,59 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
     [chunk] = chunks
     sensors = {sensor.get("id"): sensor for sensor in chunk.iterfind("sensors/sensor")}
     parts = {part.get("id"): part for part in chunk.iterfind("components/component")}
-    try:
-        return tuple(
-            _camera(
-                camera,
-                sensors[camera.get("sensor_id")],
-                _world(parts.get(camera.get("component_id"), chunk)) or _world(chunk),
-            )
-            for camera in chunk.iterfind("cameras//camera")
-        )
-    except (ValueError, LookupError) as error:
-        raise HandbenchError(
-            f"{path}: is not a cameras file of Metashape ({error}); export the cameras again"
-        ) from error
-    except HandbenchError as error:
-        raise HandbenchError(f"{path}: {error}") from error
+    cameras = []
+    for camera in chunk.iterfind("cameras//camera"):
+        name = PureWindowsPath(camera.get("label", "")).name  # cuts at / and at \
+        try:
+            lens = _lens(sensors[camera.get("sensor_id")])
+            frames = (parts.get(camera.get("component_id"), chunk), chunk)
+            pose = _pose(camera, *(f for f in frames if f.find("transform/scale") is not None))
+        except (ValueError, LookupError) as error:
+            raise HandbenchError(
+                f"{path}: camera {name}: is not usable ({error}); export the cameras again"
+            ) from error
+        cameras.append(parse(Camera, {"name": name} | lens | pose, f"{path}: camera {name}"))
+    return tuple(cameras)
 
 
-def _camera(
-    element: ElementTree.Element, sensor: ElementTree.Element, world: Similarity | None
-) -> Camera:
-    """Read a camera. sensor: its lens with calibration; world: from its part's frame to the world,
-    None if unknown."""
-    name = PureWindowsPath(element.get("label", "")).name  # cuts at / and at \\
-    width, height, params = _intrinsics(sensor, name)
-    pose = {}
-    if element.find("transform") is not None and world is not None:
-        scale, rotation, translation_m = world
-        matrix = _numbers(element, "transform", 16).reshape(4, 4)
-        R = (rotation @ matrix[:3, :3]).T
-        centre_m = scale * rotation @ matrix[:3, 3] + translation_m
-        pose = {"R": tuple(map(tuple, R.tolist())), "t": tuple((-R @ centre_m).tolist())}
-    return Camera(name=name, width=width, height=height, model="FULL_OPENCV", params=params, **pose)
-
-
-def _intrinsics(sensor: ElementTree.Element, name: str) -> tuple[int, int, tuple[float, ...]]:
-    """Read the intrinsics of a sensor (Metashape's word for a lens and its calibration).
-
-    name: the camera's, for messages. Returns width and height in pixels, and the 12 parameters of
-    COLMAP's lens model FULL_OPENCV. Raises HandbenchError for a lens that this model does not
-    cover.
-    """
-    calibration = sensor.find("calibration[@class='adjusted']")
-    if calibration is None:
-        calibration = sensor.find("calibration")
-    if calibration is None or sensor.get("type", "frame") != "frame":
-        raise HandbenchError(f"camera {name}: is not calibrated as a frame camera; calibrate it so")
-    size = [*calibration.iter("resolution"), *sensor.iter("resolution")][0].attrib
-    width, height = int(size["width"]), int(size["height"])
+def _lens(sensor: Element) -> dict[str, Any]:
+    """Read the lens of a sensor (Metashape's word for a lens and its calibration) as COLMAP's
+    FULL_OPENCV: fields of Camera. Raises ValueError for a lens that this model does not cover."""
+    size, *_ = sensor.iter("resolution")
+    width, height = int(size.attrib["width"]), int(size.attrib["height"])
+    # of class "adjusted", else "initial"
+    calibration = min(sensor.iterfind("calibration"), key=lambda part: part.get("class", ""))
+    if sensor.get("type", "frame") != "frame":
+        raise ValueError("expected a frame camera")
     value = defaultdict[str, float](float)
-    value |= {
-        child.tag: float(child.text or "") for child in calibration if child.tag != "resolution"
-    }
+    value |= {term.tag: float(term.text) for term in calibration if term.text}
     skew = abs(value["b2"]) * height / 2
     if skew >= SMALLEST_SKEW_PX * value["f"] or any(value[term] for term in NOT_IN_COLMAP):
-        raise HandbenchError(
-            f"camera {name}: has b2, {' or '.join(NOT_IN_COLMAP)}, for which COLMAP has no lens "
-            "model; optimise the cameras in Metashape with f, cx, cy, k1, k2, k3, p1, p2 (and b1) "
-            "only"
+        raise ValueError(
+            f"COLMAP has no lens model with b2, {' or '.join(NOT_IN_COLMAP)}; optimise the cameras "
+            "with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
         )
     fx, cx, cy = value["f"] + value["b1"], width / 2 + value["cx"], height / 2 + value["cy"]
     distortion = [value[term] for term in ("k1", "k2", "p2", "p1", "k3")]
-    return width, height, (fx, value["f"], cx, cy, *distortion, 0.0, 0.0, 0.0)
+    params = (fx, value["f"], cx, cy, *distortion, 0.0, 0.0, 0.0)
+    return {"width": width, "height": height, "model": "FULL_OPENCV", "params": params}
 
 
-def _world(element: ElementTree.Element) -> Similarity | None:
-    """Read the scale, rotation [3, 3] and translation [3] that map the frame of a chunk or
-    component to the world; None if the element has no scale."""
-    if element.find("transform/scale") is None:
-        return None
-    rotation = _numbers(element, "transform/rotation", 9).reshape(3, 3)
-    translation_m = _numbers(element, "transform/translation", 3)
-    return _numbers(element, "transform/scale", 1).item(), rotation, translation_m
+def _pose(camera: Element, *frames: Element) -> dict[str, Any]:
+    """Read the pose of a camera, as fields of Camera; empty if it was not aligned, or without a
+    frame. frames: its component and chunk, without those that have no scale."""
+    if camera.find("transform") is None or not frames:
+        return {}
+    pose = _numbers(camera, "transform", 4, 4)
+    scale, rotation, translation_m = (
+        _numbers(frames[0], f"transform/{part}", *shape)
+        for part, shape in (("scale", ()), ("rotation", (3, 3)), ("translation", (3,)))
+    )
+    R = (rotation @ pose[:3, :3]).T
+    centre_m = scale * rotation @ pose[:3, 3] + translation_m
+    return {"R": R.tolist(), "t": (-R @ centre_m).tolist()}
 
 
-def _numbers(element: ElementTree.Element, path: str, count: int) -> np.ndarray:
-    """Read `count` numbers from the text of the XML element at `path` below `element`."""
-    values = np.array((element.findtext(path) or "").split(), np.float64)
-    if len(values) != count:
-        raise ValueError(f"{path} has {len(values)} numbers; expected {count}")
-    return values
+def _numbers(element: Element, path: str, *shape: int) -> np.ndarray:
+    """Read an array from the text of the XML element at `path` below `element`."""
+    return np.array((element.findtext(path) or "").split(), np.float64).reshape(shape)

@@ -61,9 +61,7 @@ def test_a_model_keeps_what_has_a_photograph(tmp_path, capsys, model):
         "p1.png",
         "p2.png",
     ]
-    assert (
-        "images/p3.png is not among the photographs, so it is left out" in capsys.readouterr().err
-    )
+    assert "images/p3.png is not among the photographs" in capsys.readouterr().err
     assert loaded.num_points3D() == 60
 
 
@@ -95,18 +93,10 @@ def _lens(*params):
     return change
 
 
-def _spaced_text(model, folder):
-    model.images[1].name = "p 0.png"
-    write(model, folder, binary=False)
-
-
 def _cut(model, folder):
     """By 40 bytes, after which COLMAP's own reader does not return."""
     file = write(model, folder) / "points3D.bin"
     file.write_bytes(file.read_bytes()[:-40])
-
-
-NONSENSE = "impossible values"
 
 
 @pytest.mark.parametrize(
@@ -118,12 +108,11 @@ NONSENSE = "impossible values"
             lambda model, folder: (write(model, folder) / "cameras.bin").unlink(),
             "is not readable as a COLMAP model",
         ),
-        (_spaced_text, "p 0.png' has a space"),
         (_cut, "the length of points3D.bin"),
         (lambda _, folder: write(exact_model(CENTRES, 19), folder), "has cameras for 0 of the 4"),
         (lambda _, folder: write(exact_model(CENTRES[:2]), folder), "has cameras for 2 of the 4"),
-        (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), NONSENSE),
-        (_lens(8010, 8010, 201, 149, 0, 0, 0, 0), NONSENSE),
+        (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), "p0.png: 'params.4' is nan"),
+        (_lens(8010, 8010, 201, 149, 0, 0, 0, 0), "impossible values"),
     ],
 )
 def test_a_wrong_model_is_refused(tmp_path, model, change, words):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageOps
 
-from handbench.groundtruth.cameras.camera_files import stored_camera
-from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
+from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, focal_length_px, read_exif, stored_picture
 
 WIDTH, HEIGHT = 32, 24
@@ -46,7 +45,7 @@ def test_a_focal_length_in_pixels_of_the_focal_plane(tags, focal_px):
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
-def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(tmp_path, orientation):
+def test_an_upright_picture_is_turned_to_the_stored_one(tmp_path, orientation):
     stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
     exif = Image.Exif()
     exif[ORIENTATION] = orientation
@@ -55,14 +54,3 @@ def test_an_upright_camera_sees_the_same_pixel_of_the_stored_picture(tmp_path, o
         upright = np.asarray(ImageOps.exif_transpose(image))
     photo = Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT, orientation=orientation)
     np.testing.assert_array_equal(stored_picture(photo, upright), stored)
-    height, width = upright.shape
-    params = (40.0, 42.0, 13.0, 15.0, -0.05, 0.02, 3e-3, -2e-3)
-    pose = {"R": np.eye(3).tolist(), "t": (0.1, 0.2, 1.0)}
-    camera = Camera(name="a.png", width=width, height=height, params=params, **pose)
-    turned = stored_camera(photo, camera)
-    np.testing.assert_allclose(turned.centre_m, camera.centre_m, atol=1e-12)
-    points_m = np.random.default_rng(1).uniform(-0.4, 0.2, (200, 3))
-    there, here = (np.floor(c.project(points_m)).astype(int) for c in (camera, turned))
-    inside = ((here >= 0) & (here < (WIDTH, HEIGHT))).all(axis=1)
-    assert inside.sum() > 50
-    np.testing.assert_array_equal(upright[*there[inside, ::-1].T], stored[*here[inside, ::-1].T])
