@@ -45,7 +45,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
         bounds = narrow_volume(
-            bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane, solved
+            bounds, _fused(registered, solved, chosen, bounds.box(), coarse), plane
         )
     say(bounds.describe())
     cloud = clean(_fused(registered, solved, chosen, bounds.box(), chosen.effort))

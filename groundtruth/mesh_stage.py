@@ -1,7 +1,6 @@
 """The last stage of a reconstruction: from the fused cloud of points to a surface with
 uncertainty."""
 
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from handbench.groundtruth.dense.volume import Plane, Volume, board_plane
 from handbench.groundtruth.dense_stage import CLOUD, VOLUME
 from handbench.groundtruth.mesh.poisson import surface
 from handbench.groundtruth.mesh.surface import Surface
-from handbench.groundtruth.mesh.target import TargetParts, keep_target, margin_m, remove_board
+from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_board
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import Region
 from handbench.groundtruth.photos.photos import find_photos
@@ -54,11 +53,9 @@ def measured_surface(
     plane: of the board, whose points are removed (None: no board). box_m [2, 3]: the surface
     outside is removed. Returns the surface, and a description of the kept and removed parts.
     """
-    count = len(cloud.points_m)
     cloud = cloud if plane is None else remove_board(cloud, plane)
     mesh = surface(cloud, box_m)
-    target = keep_target(mesh, plane, 0.0 if plane is None else margin_m(plane, cloud.pixel_m))
-    target = replace(target, on_board=1 - len(cloud.points_m) / count)
+    target = keep_target(mesh, plane, cloud.pixel_m)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(
         cloud, vertices_m, registered_images(sparse.model), sparse.known

@@ -10,9 +10,9 @@ from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.dense.volume import (
     board_plane,
     narrow_volume,
-    off_plane,
     plane_through,
     volume,
+    warn_of_cuts,
 )
 from handbench.groundtruth.dense_stage import coarser
 from handbench.groundtruth.sparse.frame import Scale
@@ -59,39 +59,42 @@ def features(on_hand=200):
 def test_points_and_coarse_depth_maps_narrow_the_volume_to_the_hand():
     """Points on the hand and on the board, and few wrong ones, which widen nothing; without the
     hand's, no change."""
-    random, sparse = np.random.default_rng(1), solved(features())
-    found = volume(None, PLANE, sparse)
-    assert found.source == "the board, cameras and sparse points"
+    random, found = np.random.default_rng(1), volume(None, PLANE, solved(features()))
     assert np.prod(np.ptp(found.box(), axis=0)) < 40 * np.prod(np.ptp(HAND_M, axis=0))
     board_m = random.uniform((-0.15, -0.1, -2e-4), (0.15, 0.1, 2e-4), (20_000, 3))
     points_m = np.concatenate(
         [board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3]
     )
     cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=1e-3)
-    box_m = narrow_volume(found, cloud, PLANE, sparse).box()
+    box_m = narrow_volume(found, cloud, PLANE).box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
-    assert (box_m >= found.box()[0]).all() and (box_m <= found.box()[1]).all()
     assert np.prod(np.ptp(box_m, axis=0)) < 0.4 * np.prod(np.ptp(found.box(), axis=0))
-    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
+    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE) == found
+
+
+def test_a_box_that_cuts_the_target_is_reported(capsys):
+    """Not if it cuts the board only."""
+    random, points_m = np.random.default_rng(1), CORNERS_M
+    found = volume(None, PLANE, solved(features()))
+    for low_m, high_m, cut in ((*HAND_M, False), (found.box()[0] + (0, 0, 0.1), HAND_M[1], True)):
+        points_m = np.concatenate([random.uniform(low_m, high_m, (20_000, 3)), CORNERS_M])
+        warn_of_cuts(found, cloud_of(points_m, np.zeros_like(points_m)), PLANE)
+        assert ("may cut" in capsys.readouterr().err) == cut
 
 
 def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     corners_m = [[0, 0.1, 0], [0.1, 0.1, 0], [0.1, 0, 0], [0, 0, 0]]
     (tmp_path / "board.toml").write_text(f"[[marker]]\nid = 3\ncorners_m = {corners_m}\n")
     plane = board_plane(tmp_path, None, solved([]))
-    assert plane.local(np.array([[0.3, 0.2, 0.07]]))[0, 2] == pytest.approx(0.07)
+    assert plane.height_m(np.array([[0.3, 0.2, 0.07]]))[0] == pytest.approx(0.07)
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 
-def test_the_surroundings_of_a_board():
-    """Its diagonal aside, 1 cm down, and as high as that or to nine tenths of the
-    lowest camera."""
-    few_m = np.tile([0.0, 0.0, 0.008], (29, 1))  # one more would bound it
-    for height_m, ceiling_m in ((0.6, 0.36056), (0.2, 0.18)):
-        centres_m = CENTRES_M * (1, 1, 0) + (0, 0, height_m)
-        box_m, _ = off_plane(PLANE, few_m, centres_m)
-        expected_m = [[-0.51056, -0.46056, -0.01], [0.51056, 0.46056, ceiling_m]]
-        np.testing.assert_allclose(box_m, expected_m, atol=1e-5)
+def test_few_points_above_the_board_give_no_box():
+    low_m = np.tile([0.0, 0.0, 0.013], (200, 1))
+    assert volume(None, PLANE, solved(low_m)).box() is not None
+    for points_m in (low_m[:29], low_m - (0, 0, 0.003), low_m + (0.5, 0, 0)):
+        assert volume(None, PLANE, solved(points_m)).box() is None
 
 
 def test_small_photographs_are_not_shrunk_until_nothing_is_left():
