@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from handbench.support.config import Config, Near, load
 from handbench.support.errors import HandbenchError
@@ -41,33 +41,32 @@ class Charuco(Config):
     @model_validator(mode="after")
     def _fits(self) -> "Charuco":
         if self.marker_m >= self.square_m:
+            raise ValueError("a marker must be smaller than the square around it")
+        count = len(cv_dictionary(self.dictionary).bytesList)
+        if self.markers > count:
             raise ValueError(
-                f"marker_m is {self.marker_m} but square_m is {self.square_m}; a marker must be "
-                "smaller than the square around it"
+                f"the board needs {self.markers} markers, but the dictionary '{self.dictionary}' "
+                f"has {count}; use a larger dictionary"
             )
         return self
+
+    @property
+    def markers(self) -> int:
+        """Number of the board's markers, whose ids count from 0."""
+        return self.columns * self.rows // 2
 
     def corners_m(self) -> np.ndarray:
         """Compute the inner corners of the chessboard, [(rows − 1)(columns − 1), 3], in the board's
         frame, metres, row by row from the top left."""
-        column, row = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
-        corners = np.stack([column, -row, np.zeros_like(row)], axis=-1)
-        return self.square_m * corners.reshape(-1, 3).astype(np.float64)
+        corners_m = np.array(self.cv_board().getChessboardCorners(), np.float64)
+        return corners_m * (1, -1, 1)  # OpenCV's y runs downwards
 
     def cv_board(self) -> Any:
-        """Make OpenCV's object of this board. Raises HandbenchError if the dictionary has fewer
-        markers than the board needs."""
+        """Make OpenCV's object of this board."""
         import cv2
 
-        dictionary = cv_dictionary(self.dictionary)
-        needed, there = self.columns * self.rows // 2, len(dictionary.bytesList)
-        if needed > there:
-            raise HandbenchError(
-                f"board: its charuco part needs {needed} markers, but the dictionary "
-                f"'{self.dictionary}' has {there}; use a larger dictionary"
-            )
         board = cv2.aruco.CharucoBoard(
-            (self.columns, self.rows), self.square_m, self.marker_m, dictionary
+            (self.columns, self.rows), self.square_m, self.marker_m, cv_dictionary(self.dictionary)
         )
         board.setLegacyPattern(self.legacy)
         return board
@@ -84,26 +83,15 @@ class Board(Config):
     marker: tuple[Marker, ...] = Field(default=(), max_length=1000)
     charuco: Charuco | None = None
 
-    @field_validator("marker")
-    @classmethod
-    def _ids_differ(cls, markers: tuple[Marker, ...]) -> tuple[Marker, ...]:
-        if len({marker.id for marker in markers}) < len(markers):
-            raise ValueError("two markers have the same id; give each its own")
-        return markers
-
     @model_validator(mode="after")
-    def _names_something(self) -> "Board":
-        if not self.marker and self.charuco is None:
-            raise ValueError("the board has no marker; add a [[marker]] or a [charuco]")
+    def _has_different_markers(self) -> "Board":
+        ids = [marker.id for marker in self.marker]
         if self.charuco is not None and self.charuco.dictionary == self.dictionary:
-            taken = [
-                m.id for m in self.marker if m.id < self.charuco.columns * self.charuco.rows // 2
-            ]
-            if taken:
-                raise ValueError(
-                    f"marker {taken[0]} is also in the charuco board; use other ids, or another "
-                    "dictionary"
-                )
+            ids += range(self.charuco.markers)
+        if len(set(ids)) < len(ids):
+            raise ValueError("two markers have the same id, also counting the charuco board's")
+        if not ids and self.charuco is None:
+            raise ValueError("the board has no marker; add a [[marker]] or a [charuco]")
         return self
 
     def corners_m(self) -> dict[int, np.ndarray]:
@@ -122,12 +110,12 @@ class Board(Config):
 
     def describe(self) -> str:
         """Describe the board's markers and squares in a phrase, for error messages."""
-        ids = sorted(marker.id for marker in self.marker)
-        markers = [f"markers of {self.dictionary}, ids {ids}"] if ids else []
-        c = self.charuco
-        return " and ".join(
-            markers + ([] if c is None else [f"{c.columns} × {c.rows} squares with {c.dictionary}"])
-        )
+        parts = []
+        if self.marker:
+            parts += [f"markers of {self.dictionary}, ids {sorted(m.id for m in self.marker)}"]
+        if (c := self.charuco) is not None:
+            parts += [f"{c.columns} × {c.rows} squares with {c.dictionary}"]
+        return " and ".join(parts)
 
 
 def cv_dictionary(name: str) -> Any:
