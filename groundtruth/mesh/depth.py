@@ -90,7 +90,7 @@ def reference_on_grid(
     hit, faces = _spread(met, seen, False), faces[seen]
     x, y = (axis[hit] for axis in np.meshgrid(x_m, y_m))
     corners = surface.vertices_m[faces]
-    z, normal = _depth_of_plane(corners, x, y), _normal(corners)
+    z, normal = _interpolate(corners[..., 2:], corners, x, y)[:, 0], _normal(corners)
     least = STEEPEST * np.linalg.norm(normal, axis=1, keepdims=True)
     # n/n_z, ≤ 1/STEEPEST long
     slant = normal / np.copysign(np.maximum(np.abs(normal[:, 2:]), least), normal[:, 2:])
@@ -126,8 +126,8 @@ def _cast(
     spans_m = np.ptp(used_m, axis=0)
     if (spans_m > LARGEST_M).any():
         raise HandbenchError(
-            f"mesh: its size is {_by(spans_m)} m; expected at most {_by(LARGEST_M)} m; if it is "
-            "in millimetres, convert it with `handbench groundtruth --unit mm`"
+            f"mesh: is {spans_m.max():.3g} m long; expected at most {LARGEST_M.min():g} m; if it "
+            "is in millimetres, convert it with `handbench groundtruth --unit mm`"
         )
     # In single precision, coordinates are relative to the middle of the grid and the front of the
     # mesh.
@@ -146,10 +146,6 @@ def _normal(corners: np.ndarray) -> np.ndarray:
     return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
-def _by(spans_m: np.ndarray) -> str:
-    return " × ".join(f"{span_m:.3g}" for span_m in spans_m)
-
-
 def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray:
     """Make a map [ny, nx, ...] that has `values` [n, ...] at the n pixels where the mask `hit` [ny,
     nx] is True, and `elsewhere` at all other pixels."""
@@ -158,29 +154,18 @@ def _spread(hit: np.ndarray, values: np.ndarray, elsewhere: float) -> np.ndarray
     return grid
 
 
-def _depth_of_plane(corners: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Compute the z [n] of planes at (x, y) [n].
-
-    corners [n, 3, 3]: the triangle that spans each plane. z is limited to the range of the
-    triangle's corners, since rounding errors are large on steep triangles.
-    """
-    origin, normal = corners[:, 0], _normal(corners)
-    z = (
-        origin[:, 2]
-        - (normal[:, 0] * (x - origin[:, 0]) + normal[:, 1] * (y - origin[:, 1])) / normal[:, 2]
-    )
-    return np.clip(z, corners[..., 2].min(axis=1), corners[..., 2].max(axis=1))
-
-
 def _interpolate(
     values: np.ndarray, corners: np.ndarray, x: np.ndarray, y: np.ndarray
 ) -> np.ndarray:
     """Interpolate the values [n, 3, k] at the corners [n, 3, 3] of triangles linearly to the points
-    (x, y) [n] inside them, seen along z; returns [n, k]. Points that rounding put outside get the
-    values at the edge."""
+    (x, y) [n], seen along z; returns [n, k].
+
+    The result is limited to the range of the corners' values, since rounding errors are large on
+    steep triangles.
+    """
     to_corner = corners[..., :2] - np.stack([x, y], axis=1)[:, None]
     following, last = (np.roll(to_corner, -shift, axis=1) for shift in (1, 2))
     # the area of the triangle of the point and the two other corners
     weight = following[..., 0] * last[..., 1] - following[..., 1] * last[..., 0]
-    weight = np.clip(weight / weight.sum(axis=1, keepdims=True), 0, 1)
-    return np.einsum("nc,nck->nk", weight / weight.sum(axis=1, keepdims=True), values)
+    mean = np.einsum("nc,nck->nk", weight / weight.sum(axis=1, keepdims=True), values)
+    return np.clip(mean, values.min(axis=1), values.max(axis=1))

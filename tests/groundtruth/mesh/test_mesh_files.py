@@ -98,42 +98,26 @@ def test_a_polygon_is_cut_without_overlap(tmp_path, first):
     ("name", "content", "old", "new"),
     [
         ("a.ply", PLY, b"face 2", b"face 100000000"),  # more than the file has
-        ("a.ply", PLY, b"vertex 4", b"vertex 4000000000"),
-        ("a.ply", PLY, b"vertex 4", b"vertex -1"),
         ("a.ply", PLY, b"face 2", b"face 1"),
-        ("a.ply", PLY, b"face 2", b"face 0"),
         ("a.ply", PLY, b"element face 2\nproperty list uchar int vertex_indices\n", b""),
         ("a.ply", PLY, b"uchar int", b"float int"),
-        ("a.ply", PLY, b"uchar int", b"char long"),
-        ("a.ply", PLY, b"list uchar int", b"int"),
-        ("a.ply", PLY, b"float z", b"float x"),
         ("a.ply", PLY, b"end_header", b""),
         ("a.ply", PLY[:-1], b"", b""),
         ("a.ply", ply(faces=[(0, 1), (1, 2)]), b"", b""),
-        ("a.ply", ply(faces=FACES + 1), b"", b""),
         ("a.ply", ASCII_PLY, b"0.400000006", b"nan"),
         ("a.ply", ASCII_PLY, b"0.400000006", b"1e30"),
-        ("a.ply", ASCII_PLY, b"0.400000006", b"0,4"),
         ("a.ply", ASCII_PLY, b"3 0 2 1", b"3 0 2 1.5"),
-        ("a.ply", ASCII_PLY, b"3 0 2 1", b"inf 0 2 1"),
         ("a.ply", ASCII_PLY, b"3 0 2 1", b"-3 0 2 1"),
         ("a.ply", ASCII_PLY, b"3 1 2 3\n", b""),
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 0"),
-        ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 5"),
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 -5"),
-        ("a.obj", OBJ, b"f 1 3 2", b"f 1 3"),
-        ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 99999999999999999999"),
-        ("a.obj", OBJ, b"v 0.1", b"v 0,1"),
         ("a.obj", OBJ, b" 0.400000006", b""),
         ("a.obj", OBJ, b"vn", b"normal"),
         ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", b"", b""),  # crosses itself
-        ("a.obj", b"v 0 0 1e5\nv 0.25 0 1e5\nv 0 0.25 1e5\nf 1 2 3", b"", b""),  # in steps of 8 mm
         ("a.stl", STL[:-1], b"", b""),
         ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), b"", b""),
         ("a.stl", ASCII_STL[:-30], b"", b""),
-        ("a.stl", ASCII_STL, b"\nvertex 0 ", b"\nvertex O "),
         ("a.stl", ASCII_STL, b"\nvertex 0 ", b"\nvertex "),
-        ("a.stl", ASCII_STL, b"\nvertex 0 0", b"\nvertex"),
         ("a.gltf", b"{}", b"", b""),
     ],
 )
@@ -142,5 +126,4 @@ def test_a_broken_mesh_is_refused_in_one_line(tmp_path, name, content, old, new)
     (tmp_path / name).write_bytes(content.replace(old, new))
     with pytest.raises(HandbenchError) as caught:
         read_triangles(tmp_path / name)
-    print(caught.value)
     assert str(caught.value).startswith(str(tmp_path / name)) and "\n" not in str(caught.value)
