@@ -15,7 +15,6 @@ from handbench.groundtruth.dense.kernels import announce
 from handbench.groundtruth.dense.volume import board_plane, narrow_volume, volume, warn_of_cuts
 from handbench.groundtruth.mesh.poisson import clean
 from handbench.groundtruth.options import DenseOptions, Effort
-from handbench.groundtruth.photos.masks import find_masks
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
@@ -71,8 +70,7 @@ def _fused(
     """Compute the depth maps of registered photographs and fuse them to a cloud. effort: resolution
     and number of iterations. box_m [2, 3]: region of interest in the mesh's frame (None:
     everything)."""
-    masks = {} if options.masks is None else find_masks(options.masks, photos)
-    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, masks)
+    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, options.masks)
     announce()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality), box_m)

@@ -21,7 +21,6 @@ from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.groundtruth.photos.photos import UNREAD
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import read_toml
@@ -105,12 +104,11 @@ def _inspect_file(path: Path, report: Report) -> list[NativeCapture]:
 def _inspect_folder(path: Path, report: Report) -> list[NativeCapture]:
     """Inspect a folder, and return its captures that can be read."""
     native = (path / ECHOES).exists() or (path / DESCRIPTION).exists()
-    pictures = {*SUFFIXES, *UNREAD}
     if (path / "result.json").is_file():
         from handbench.bench.results.result_folder import load as load_result  # with scipy
 
         report.check(path, load_result(path), (result_warnings,))
-    elif not native and any(file.suffix.lower() in pictures for file in path.iterdir()):
+    elif not native and any(file.suffix.lower() in SUFFIXES for file in path.iterdir()):
         inspect_photos(path, report, scaled=False)
     elif not native and is_ti_raw(path):
         read_raw(path, {})

@@ -48,15 +48,15 @@ def open_views(
     model: "pycolmap.Reconstruction",
     shrink: int,
     box_m: np.ndarray | None,
-    masks: dict[str, Path],
+    masks: Path | None,
 ) -> tuple[list[View], list[list[int]]]:
     """Prepare the registered photographs for dense matching, and choose which views each is matched
     with (its sources).
 
     model: COLMAP's, with cameras and sparse points. shrink: divisor of the resolution. box_m [2,
-    3]: region of interest; photographs that do not show it are left out. masks: file with the mask
-    of each photograph, by its name (empty: all pixels are matched). Returns the views and, for
-    each, the indices of its sources among them. Raises HandbenchError if fewer than three
+    3]: region of interest; photographs that do not show it are left out. masks: folder of the
+    photographs' masks (None: all pixels that are not transparent are matched). Returns the views
+    and, for each, the indices of its sources among them. Raises HandbenchError if fewer than three
     photographs show the box.
     """
     by_name = {photo.name: photo for photo in photos}
@@ -72,7 +72,7 @@ def open_views(
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
         near, far = np.quantile((pose * points_m[seen])[:, 2], DEPTH_QUANTILES)
         range_m = float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
-        mask = read_mask(masks[photo.name], photo) if masks else None
+        mask = read_mask(photo, masks)
         views.append(open_view(photo, camera, pose, shrink, range_m, box_m, mask))
     showing = [i for i, view in enumerate(views) if view is not None]
     if len(showing) < FEWEST_VIEWS:

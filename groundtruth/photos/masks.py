@@ -1,63 +1,56 @@
-"""Masks of the pixels that show the target, read from files."""
+"""Masks of the pixels that show the target, from files and from the photographs' alpha channels."""
 
 from pathlib import Path
 
 import numpy as np
 
-from handbench.groundtruth.photos.photos import Photo, read_gray, sides_swapped, stored_picture
+from handbench.groundtruth.photos.photos import Photo, read_alpha, read_gray
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, require_folder
-from handbench.support.progress import say
+from handbench.support.pictures import open_picture
+
+ORIENTATION = 0x0112  # EXIF's tag
+TURNS = {6: 1, 8: 3}  # its value → quarter turns from the upright to the stored picture
 
 
-def find_masks(folder: str | Path, photos: tuple[Photo, ...]) -> dict[str, Path]:
-    """Find the mask file of each photograph in a folder: NAME.jpg.png (as for COLMAP) or NAME.png,
-    nonzero on the target.
+def read_mask(photo: Photo, folder: Path | None) -> np.ndarray | None:
+    """Read the mask [height, width] of a photograph: True at the pixels that are not transparent
+    and, in the mask file in `folder` (None: there is none), not zero. None if nothing is masked.
 
-    Returns the files by the photographs' names. Each file is read once as a check. Raises
-    HandbenchError if a mask is missing, zero everywhere, or of another size than its photograph.
+    The file is NAME.jpg.png (as for COLMAP) or NAME.png, in the size of the photograph. If its
+    sides are exchanged and EXIF data say that the picture is rotated, it belongs to the upright
+    picture and is rotated to the stored pixels. Raises HandbenchError if the file is missing or of
+    another size, and for a mask without a pixel.
     """
-    folder = require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
-    pictures = {one_form(file.name): file for file in folder.glob("*.png")}
-    masks = {}
-    for photo in photos:
-        names = [f"{name}.png" for name in (photo.name, Path(photo.name).stem)]
-        if there := [pictures[name] for name in names if name in pictures]:
-            masks[photo.name] = there[0]
-    missing = [photo.name for photo in photos if photo.name not in masks]
-    if missing:
-        raise HandbenchError(
-            f"{folder}: has no mask for {', '.join(missing)}; add {missing[0]}.png or "
-            f"{Path(missing[0]).stem}.png with nonzero pixels on the target"
-        )
-    for photo in photos:
-        read_mask(masks[photo.name], photo)
-        if photo.orientation == 3:
-            say(
-                f"{photo.name}: EXIF says that it is upside down; its mask must fit the stored "
-                "pixels, which are not turned"
+    path, mask = photo.path, read_alpha(photo.path)
+    if folder is not None:
+        path = _mask_file(photo, folder)
+        drawn = read_gray(path) > 0
+        height, width = drawn.shape
+        if height != width and (width, height) == (photo.height, photo.width):
+            with open_picture(photo.path) as image:
+                drawn = np.rot90(drawn, TURNS.get(image.getexif().get(ORIENTATION, 1), 0))
+        if drawn.shape != (photo.height, photo.width):
+            raise HandbenchError(
+                f"{path}: is a mask of {width} × {height} pixels, but {photo.name} has "
+                f"{photo.width} × {photo.height}; make the mask in the size of the photograph"
             )
-    return masks
-
-
-def read_mask(path: Path, photo: Photo) -> np.ndarray:
-    """Read the mask [height, width] of a photograph: True at the file's nonzero pixels.
-
-    A mask with the size of the upright picture is rotated to the photograph's stored pixels, if
-    EXIF data say that the two differ. Raises HandbenchError for another size, and for a mask that
-    is zero everywhere.
-    """
-    mask = read_gray(path) > 0
-    height, width = mask.shape
-    if sides_swapped(photo, width, height):
-        mask = stored_picture(photo, mask)
-    elif (width, height) != (photo.width, photo.height):
-        raise HandbenchError(
-            f"{path}: is a mask of {width} × {height} pixels, but {photo.name} has {photo.width} "
-            f"× {photo.height}; make the mask in the size of the photograph"
-        )
-    if not mask.any():
+        mask = drawn if mask is None else mask & drawn
+    if mask is not None and not mask.any():
         raise HandbenchError(
             f"{path}: is a mask that is zero everywhere; make the pixels on the target nonzero"
         )
     return mask
+
+
+def _mask_file(photo: Photo, folder: Path) -> Path:
+    require_folder(folder, "masks (NAME.jpg.png or NAME.png)")
+    files = {one_form(file.name): file for file in folder.glob("*.png")}
+    names = [f"{name}.png" for name in (photo.name, Path(photo.name).stem)]
+    for name in names:
+        if name in files:
+            return files[name]
+    raise HandbenchError(
+        f"{folder}: has no mask for {photo.name}; add {' or '.join(names)} with nonzero pixels on "
+        "the target"
+    )

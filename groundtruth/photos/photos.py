@@ -1,10 +1,7 @@
-"""Photographs on disk: search, EXIF data, and detection of repeated, blurred and untextured ones.
+"""Photographs on disk: search, tones, and detection of repeated and blurred ones.
 
 Pixels are used as the sensor stored them, without the rotation in EXIF data, as in COLMAP: then all
-photographs of a sensor share intrinsics, and a rotated camera has only another pose. A mask or
-camera whose width and height are exchanged belongs to the upright picture, and is rotated to the
-stored one. If a photograph's sides are equal, masks and cameras are assumed to belong to the stored
-picture.
+photographs of a sensor share intrinsics, and a rotated camera has only another pose.
 """
 
 import math
@@ -19,31 +16,25 @@ from PIL import Image
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, one_form, require_folder
-from handbench.support.pictures import HEIC, SUFFIXES, is_deep, open_picture
+from handbench.support.pictures import PLAIN, RAW, SUFFIXES, is_deep, open_picture
 from handbench.support.progress import say, track
 
 IFD = 0x8769
-MAKE, MODEL, ORIENTATION = 0x010F, 0x0110, 0x0112
+MAKE, MODEL = 0x010F, 0x0110
 SERIAL_NUMBER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0xA431, 0x920A, 0xA405
 FOCAL_PLANE_RESOLUTION, FOCAL_PLANE_UNIT, PIXELS_ACROSS = 0xA20E, 0xA210, 0xA002
 UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
 DIAGONAL_35MM = math.hypot(36, 24)
 PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
-# Pictures that handbench does not read; HEIC it reads where pillow-heif is installed.
-UNREAD = {
-    *HEIC,
-    *(".avif", ".jxl", ".jp2", ".j2k", ".webp", ".bmp", ".gif", ".dng"),
-    *(".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".raw"),
-}
 FEWEST = 3
-# EXIF orientation: clockwise, from the stored to the upright picture
-QUARTER_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}
-MIRRORED = (2, 4, 5, 7)  # EXIF orientations that no camera writes
-QUALITY_PX = 1000  # longer side at which quality is measured
-DIRECTIONS = 8
-FEWEST_FEATURES = 40  # of a photograph that may register
-# sharpness, against the median's: a blur of about 1.2 px (standard deviation) at LOOK_PX
-BLURRED = 0.5
+DARK, BRIGHT = 0.01, 0.99  # quantiles of a photograph's tones that stretching makes black and white
+LEAST_CONTRAST = 0.4  # between them; a photograph with less is stretched
+STEP = 1 / 255  # between two tones of 8 bits
+SAMPLED = 7  # of so many pixels, one is enough for the quantiles
+QUALITY_PX = 1000  # longer side at which sharpness is measured
+BLURRED = (
+    0.6  # sharpness against the median's; sharp photographs of one scene are within 0.9 to 1.1
+)
 
 Exif = dict[int, Any]  # tag → value
 
@@ -57,13 +48,6 @@ def read_exif(path: Path) -> Exif:
             return {**exif, **exif.get_ifd(IFD)}
     except (HandbenchError, TypeError, KeyError, struct.error):
         return {}
-
-
-def orientation_of(exif: Exif) -> int:
-    """Return the EXIF orientation, a number 1 to 8 that says how to rotate the picture for display.
-    1, the default, means not at all."""
-    value = exif.get(ORIENTATION, 1)
-    return int(value) if value in range(1, 9) else 1
 
 
 def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
@@ -113,11 +97,11 @@ def _number(exif: Exif, tag: int) -> float:
 
 @dataclass(frozen=True)
 class Photo:
-    """One photograph: its file, name, size in pixels as stored, and EXIF data.
+    """One photograph: its file, name, size in pixels as stored, and tones.
 
-    body: texts that are equal for photographs of the same camera at the same focal length (None:
-    not in EXIF data). orientation: EXIF's code 1, 3, 6 or 8 for the rotation to the upright
-    picture. focal_px: approximate focal length in pixels (None: not in EXIF data).
+    tones: gray values in the file, 0 … 1, that are black and white in the reconstruction. body:
+    texts that are equal for photographs of the same camera at the same focal length (None: not in
+    EXIF data). focal_px: approximate focal length in pixels (None: not in EXIF data).
     """
 
     path: Path
@@ -125,22 +109,35 @@ class Photo:
     width: int
     height: int
     body: tuple[str, ...] | None = None
-    orientation: int = 1
     focal_px: float | None = None
+    tones: tuple[float, float] = (0.0, 1.0)
+
+    @property
+    def stretched(self) -> bool:
+        """True if the tones are not those of the file."""
+        return self.tones != (0, 1)
+
+    @property
+    def plain(self) -> bool:
+        """True if COLMAP reads the same gray values from the file."""
+        return not self.stretched and self.path.suffix.lower() in PLAIN
 
     def gray(self) -> np.ndarray:
-        """Read the gray values [height, width] of the stored pixels, float32 in 0 … 1."""
-        return read_gray(self.path)
+        """Read the stretched gray values [height, width], float32 in 0 … 1."""
+        black, white = self.tones
+        return ((read_gray(self.path) - black) / (white - black)).clip(0, 1)
 
-    def colours(self) -> np.ndarray:
-        """Read the colours [height, width, 3] of the stored pixels, uint8 in the order red, green,
-        blue."""
+    def save_copy(self, path: Path) -> None:
+        """Write the gray values as a PNG file of any name, with the EXIF data of the photograph."""
         with open_picture(self.path) as image:
-            return _colours(image, self.path)
+            exif = image.info.get("exif", b"")
+        gray = (self.gray() * 255).round().astype(np.uint8)
+        Image.fromarray(gray).save(path, format="PNG", exif=exif)
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
-    """Find the photographs in `folder` or, if it has none, in `folder/images`, sorted by name.
+    """Find the photographs in `folder` or, if it has none, in `folder/images`, sorted by name. Of a
+    RAW file and another one of the same name, the other one is used.
 
     Each photograph is decoded once, so that a broken file is reported before any work starts.
     Raises HandbenchError for a broken file, and if there are fewer than three photographs.
@@ -153,25 +150,11 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
             f"{folder}: two photographs are called {twice[0]}, with accents written in two ways; "
             "rename one of them"
         )
-    unread = [
-        path.name
-        for path in _files(paths[0].parent if paths else folder)
-        if path.suffix.lower() in UNREAD and path not in paths
-    ]
-    others = f" and {len(unread) - 1} more" if len(unread) > 1 else ""
-    left_out = (
-        (f"{one_form(unread[0])}{others}: left out, because it is not JPEG, PNG or TIFF")
-        if unread
-        else ""
-    )
     if len(paths) < FEWEST:
         raise HandbenchError(
             f"{folder}: found only {len(paths)} photographs ({', '.join(SUFFIXES)}) in it and in "
             f"images/; expected at least {FEWEST}; 5 to 12 from different sides are good"
-            + (f" ({left_out})" if left_out else "")
         )
-    if left_out:
-        say(left_out)
     return tuple(_open(path) for path in paths)
 
 
@@ -179,23 +162,18 @@ def read_gray(path: Path) -> np.ndarray:
     """Read a picture file as gray values [height, width], float32 in 0 … 1.
 
     The picture may be gray, in colours, with a palette or CMYK, with 8 or 16 bits a channel.
-    Transparency is ignored, as in COLMAP.
     """
     with open_picture(path) as image:
         return _gray(image, path)
 
 
-def sides_swapped(photo: Photo, width: int, height: int) -> bool:
-    """Tell whether width × height is the size of the photograph's upright picture and differs from
-    that of its stored pixels."""
-    turned = QUARTER_TURNS[photo.orientation] % 2 == 1 and photo.width != photo.height
-    return turned and (width, height) == (photo.height, photo.width)
-
-
-def stored_picture(photo: Photo, upright: np.ndarray) -> np.ndarray:
-    """Rotate an upright picture [width, height, ...] back to the photograph's stored pixels
-    [height, width, ...], where height and width are the stored ones."""
-    return np.rot90(upright, QUARTER_TURNS[photo.orientation])
+def read_alpha(path: Path) -> np.ndarray | None:
+    """Read which pixels [height, width] of a picture file are not transparent: True at those whose
+    alpha is not zero. Returns None if the file has no alpha channel."""
+    with open_picture(path) as image:
+        if not image.has_transparency_data:
+            return None
+        return np.asarray(image.convert("RGBA").getchannel("A")) > 0
 
 
 def _gray(image: Image.Image, path: Path) -> np.ndarray:
@@ -217,133 +195,78 @@ def _gray(image: Image.Image, path: Path) -> np.ndarray:
     return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
-def _colours(image: Image.Image, path: Path) -> np.ndarray:
-    if image.mode.startswith("I"):
-        return np.repeat((_gray(image, path) * 255).round().astype(np.uint8)[..., None], 3, axis=2)
-    return np.asarray(image if image.mode == "RGB" else image.convert("RGB"))
-
-
 def _pictures(folder: Path) -> list[Path]:
-    return [path for path in _files(folder) if path.suffix.lower() in SUFFIXES]
-
-
-def _files(folder: Path) -> list[Path]:
-    """List the visible entries of a folder, sorted by name; empty if the folder does not exist."""
-    if not folder.is_dir():
-        return []
-    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    """List the pictures in a folder, sorted by name; empty if the folder does not exist."""
+    paths = [
+        path
+        for path in (folder.iterdir() if folder.is_dir() else ())
+        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    ]
+    developed = {path.stem for path in paths if path.suffix.lower() not in RAW}
+    return sorted(p for p in paths if p.suffix.lower() not in RAW or p.stem not in developed)
 
 
 def _open(path: Path) -> Photo:
-    height, width = read_gray(path).shape
-    exif = read_exif(path)
-    orientation = orientation_of(exif)
-    if orientation in MIRRORED:
-        raise HandbenchError(
-            f"{path}: its EXIF orientation {orientation} says that the picture is mirrored, which "
-            "no camera does; save it unmirrored"
-        )
-    body = body_of(exif, (width, height))
+    gray, opaque = read_gray(path), read_alpha(path)
+    height, width = gray.shape
+    seen = gray.ravel() if opaque is None else gray[opaque]
+    tones, exif = (0.0, 1.0), read_exif(path)
+    if seen.size:
+        black, white = np.quantile(seen[::SAMPLED], (DARK, BRIGHT)).tolist()
+        if white - black < LEAST_CONTRAST:
+            tones = (black, max(white, black + STEP))
     return Photo(
         path,
         one_form(path.name),
         width,
         height,
-        body,
-        orientation,
+        body_of(exif, (width, height)),
         focal_length_px(exif, width, height),
+        tones,
     )
-
-
-@dataclass(frozen=True)
-class PhotoQuality:
-    """Quality of one photograph.
-
-    pixels: hash of the pixels. sharpness: a ratio without unit that is comparable only between
-    photographs of one scene. features: number of SIFT features, counted in the picture's middle
-    only if these suffice.
-    """
-
-    pixels: str
-    sharpness: float
-    features: int
 
 
 def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     """Return the photographs without duplicates and without those that are blurred compared with
     the others.
 
-    Removed photographs are reported. Blurred ones are kept if fewer than three would be left.
-    Raises HandbenchError if fewer than three photographs differ, or if fewer than three show enough
-    texture.
+    Removed and stretched photographs are reported. Blurred ones are kept if fewer than three would
+    be left. Raises HandbenchError if fewer than three photographs differ.
     """
-    looks = {photo.name: photo_quality(photo) for photo in track(photos, "looking")}
-    first = {look.pixels: name for name, look in reversed(looks.items())}
-    for name, look in looks.items():
-        if first[look.pixels] != name:
-            say(f"{name}: has the same pixels as {first[look.pixels]}, so it is left out")
-    photos = tuple(photo for photo in photos if first[looks[photo.name].pixels] == photo.name)
-    folder = photos[0].path.parent
-    if len(photos) < FEWEST:
+    sharpness: dict[Photo, float] = {}
+    first: dict[str, str] = {}  # content → name
+    for photo in track(photos, "looking"):
+        gray = photo.gray()
+        name = first.setdefault(content_hash(gray), photo.name)
+        if name == photo.name:
+            sharpness[photo] = sharpness_of(gray)
+        else:
+            say(f"{photo.name}: has the same pixels as {name}, so it is left out")
+    if len(sharpness) < FEWEST:
         raise HandbenchError(
-            f"{folder}: only {len(photos)} photographs are different; expected at least {FEWEST}"
+            f"{photos[0].path.parent}: only {len(sharpness)} photographs are different; expected "
+            f"at least {FEWEST}"
         )
-    textured = sum(looks[photo.name].features >= FEWEST_FEATURES for photo in photos)
-    if textured < FEWEST:
-        raise HandbenchError(
-            f"{folder}: only {textured} of {len(photos)} photographs show enough texture "
-            f"({FEWEST_FEATURES} features); expected at least {FEWEST}; add light, focus on the "
-            "hand, and put a print with fine detail around it"
-        )
-    return _without_blurred(photos, looks)
-
-
-def _without_blurred(
-    photos: tuple[Photo, ...], looks: dict[str, PhotoQuality]
-) -> tuple[Photo, ...]:
-    typical = np.median([looks[photo.name].sharpness for photo in photos])
-    blurred = [photo for photo in photos if looks[photo.name].sharpness < BLURRED * typical]
-    spared = len(photos) - len(blurred) >= FEWEST
+    typical = np.median([*sharpness.values()])
+    blurred = [photo for photo in sharpness if sharpness[photo] < BLURRED * typical]
+    enough_remain = len(sharpness) - len(blurred) >= FEWEST
+    action = "left out" if enough_remain else "used, because there are only a few photographs"
     for photo in blurred:
-        share, what = (
-            looks[photo.name].sharpness / typical,
-            "left out" if spared else "used, because there are only a few photographs",
-        )
-        say(f"{photo.name}: is blurred ({share:.0%} of the typical sharpness); {what}")
-    return tuple(photo for photo in photos if photo not in blurred) if spared else photos
+        share = sharpness[photo] / typical
+        say(f"{photo.name}: is blurred ({share:.0%} of the typical sharpness); {action}")
+    usable = tuple(photo for photo in sharpness if not (enough_remain and photo in blurred))
+    if stretched := [photo.name for photo in usable if photo.stretched]:
+        say(f"dark or bright photographs, whose tones are stretched: {', '.join(stretched)}")
+    return usable
 
 
-def photo_quality(photo: Photo) -> PhotoQuality:
-    """Measure the quality of a photograph: hash of its pixels, sharpness and number of features.
-
-    Sharpness is the variance of the second derivative over that of the first, in the direction in
-    which this ratio is smallest. It does not depend on contrast or plain areas, and it detects
-    motion blur along a line.
-    """
+def sharpness_of(gray: np.ndarray) -> float:
+    """Measure the sharpness of a picture [height, width], a ratio without unit that is comparable
+    between photographs of one scene: the power of its second derivatives over that of its first. It
+    does not depend on contrast or plain areas."""
     import cv2
 
-    gray = photo.gray()
-    pixels = content_hash(gray)
-    scale = QUALITY_PX / max(gray.shape)
-    if scale < 1:
-        gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    slopes = np.gradient(gray)  # by row and by column
-    (yy, yx), (xy, xx) = (np.gradient(slope) for slope in slopes)
-    angles_rad = np.linspace(0, np.pi, DIRECTIONS, endpoint=False)
-    sharpness = np.inf
-    for cosine, sine in zip(np.cos(angles_rad), np.sin(angles_rad), strict=True):
-        slope = cosine * slopes[1] + sine * slopes[0]
-        bend = cosine**2 * xx + cosine * sine * (xy + yx) + sine**2 * yy
-        sharpness = min(sharpness, float(bend.var() / max(slope.var(), 1e-12)))
-    return PhotoQuality(pixels, sharpness, _features((gray * 255).round().astype(np.uint8)))
-
-
-def _features(gray: np.ndarray) -> int:
-    """Count the SIFT features of a picture [height, width], uint8: those in its middle quarter if
-    they suffice, else all. The whole picture takes four times as long."""
-    import cv2
-
-    h, w = gray.shape
-    sift = cv2.SIFT_create()
-    middle = len(sift.detect(gray[h // 4 : h - h // 4, w // 4 : w - w // 4], None))
-    return middle if middle >= FEWEST_FEATURES else len(sift.detect(gray, None))
+    scale = min(1, QUALITY_PX / max(gray.shape))
+    gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    slopes = np.square(np.gradient(gray)).sum(axis=0)
+    return float(cv2.Laplacian(gray, cv2.CV_32F).var() / max(slopes.mean(), 1e-12))

@@ -16,7 +16,7 @@ from handbench.groundtruth.board.markers import (
 from handbench.groundtruth.cameras.camera_files import cameras_of
 from handbench.groundtruth.cameras.cameras import Camera, cuda_devices
 from handbench.groundtruth.options import Options, SparseOptions
-from handbench.groundtruth.photos.masks import find_masks
+from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo, find_photos, select_usable
 from handbench.groundtruth.sparse.frame import require_near
 from handbench.support.errors import HandbenchError
@@ -88,8 +88,8 @@ def resolve(folder: Path, options: Options) -> tuple[tuple[Photo, ...], Options]
         )
     options = options.model_copy(update={"dense": "cuda" if devices else "cpu"})
     photos, options = _completed(folder, options)
-    if options.masks is not None:
-        find_masks(options.masks, photos)
+    for photo in photos:
+        read_mask(photo, options.masks)
     return photos, options
 
 

@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
 from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.support.errors import HandbenchError
-from handbench.support.pictures import HEIC
 from handbench.support.progress import say
 
 DATABASE = "database.db"
@@ -83,20 +81,20 @@ class Lenses:
 def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
     """Return a folder in which COLMAP finds the photographs under their names.
 
-    This is the photographs' own folder if possible. If a file has another name, or is HEIC (which
-    COLMAP does not read), it is a new folder inside `folder`, with links and converted copies.
+    This is the photographs' own folder if possible. If a file has another name, a format that
+    COLMAP does not read, or is stretched, it is a new folder inside `folder`, with links and
+    copies.
     """
-    heic = [photo for photo in photos if photo.path.suffix.lower() in HEIC]
-    if not heic and all(photo.path.name == photo.name for photo in photos):
+    if all(photo.plain and photo.path.name == photo.name for photo in photos):
         return photos[0].path.parent
     pictures = folder / "pictures"
     if not pictures.is_dir():
         pictures.mkdir()
         for photo in photos:
-            if photo in heic:
-                Image.fromarray(photo.colours()).save(pictures / photo.name, format="PNG")
-            else:
+            if photo.plain:
                 (pictures / photo.name).symlink_to(photo.path.resolve())
+            else:
+                photo.save_copy(pictures / photo.name)
     return pictures
 
 

@@ -7,7 +7,9 @@ import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -23,30 +25,31 @@ DENSE_PX = 1100  # in a byte of a larger picture: deflate's most
 SCANS = 32
 
 
-READ = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff")
+PLAIN = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif")
-try:
-    import pillow_heif  # an extra
-except ImportError:
-    SUFFIXES: tuple[str, ...] = READ
-else:
-    pillow_heif.register_heif_opener()
-    FORMATS.append("HEIF")
-    SUFFIXES = (*READ, *HEIC)
+RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
+SUFFIXES = (*PLAIN, *HEIC, *RAW)
 
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
     """Context manager that yields a picture file, opened but not yet decoded.
     Raises HandbenchError if the file cannot be opened or decoded, also if decoding fails in the
-    block, and if its header claims so many pixels that decoding would take too long or too much
-    memory."""
+    block, if its header claims so many pixels that decoding would take too long or too much
+    memory, and if it is a HEIC or RAW file whose package is not installed."""
+    formats, suffix = FORMATS, path.suffix.lower()
+    if suffix in HEIC:
+        _package("pillow_heif", "heic", path).register_heif_opener()
+        formats = [*FORMATS, "HEIF"]
+    if suffix in RAW:
+        yield _developed(path)
+        return
     # a file takes memory for what it says it has
     content = io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))
     try:
         with (
             warnings.catch_warnings(action="ignore"),
-            Image.open(content, formats=FORMATS) as image,
+            Image.open(content, formats=formats) as image,
         ):
             _require_plausible(image, content.getvalue())
             yield image
@@ -61,8 +64,30 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
         # Pillow adds the address of `content`
         reason = str(error).partition(" <")[0]
         raise HandbenchError(
-            f"{path}: is not a readable {', '.join(FORMATS)} ({reason}); replace or remove it"
+            f"{path}: is not a readable {', '.join(formats)} ({reason}); replace or remove it"
         ) from error
+
+
+def _package(module: str, extra: str, path: Path) -> Any:
+    """Import the module that reads a picture file, which the extra of handbench installs."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise HandbenchError(
+            f"{path}: cannot be read; run pip install 'handbench[{extra}]', or save it as JPEG, "
+            "PNG or TIFF"
+        ) from error
+
+
+def _developed(path: Path) -> Image.Image:
+    """Develop a RAW file in the camera's white balance, not rotated; its brightest 1 % are
+    white."""
+    rawpy = _package("rawpy", "raw", path)
+    try:
+        with rawpy.imread(str(path)) as raw:
+            return Image.fromarray(raw.postprocess(use_camera_wb=True, user_flip=0))
+    except (OSError, rawpy.LibRawError) as error:
+        raise HandbenchError(f"{path}: is not a readable RAW file; replace or remove it") from error
 
 
 def is_deep(image: Image.Image) -> bool:

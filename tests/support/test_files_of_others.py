@@ -86,12 +86,11 @@ def photographs(folder: Path, names: list[str]) -> Path:
     return folder
 
 
-def test_names_of_photographs_have_one_readable_form(tmp_path, capsys):
-    names = [f"{TAKEN_APART}.png", "m\udcfcller.png", "b.png", "d.webp", "f.dng"]
+def test_names_of_photographs_have_one_readable_form(tmp_path):
+    names = [f"{TAKEN_APART}.png", "m\udcfcller.png", "b.png", "d.webp"]
     photos = find_photos(photographs(tmp_path / "p", names))
     assert [photo.name for photo in photos] == [f"{COMPOSED}.png", "b.png", "m\\xfcller.png"]
     assert all(photo.path.is_file() for photo in photos)
-    assert "d.webp and 1 more: left out" in capsys.readouterr().err
     folder = photographs(tmp_path / "twice", [f"{TAKEN_APART}.png", f"{COMPOSED}.png", "c.png"])
     with pytest.raises(HandbenchError, match="two photographs are called"):
         find_photos(folder)

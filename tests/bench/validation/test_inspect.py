@@ -228,7 +228,7 @@ def test_photographs_are_compared_with_their_cameras_and_their_board(tmp_path):
     right = file.read_text()
     turned = {"width": "height", "height": "width"}
     file.write_text(re.sub("width|height", lambda name: turned[name[0]], right))
-    same(found_in(folder), "cameras.json: .*exchange width and height")
+    same(found_in(folder), "cameras.json: .*is for 600 × 900 pixels")
     file.write_text(right)
     content = tomllib.loads(board.read_text())
     for marker in content["marker"]:

@@ -1,14 +1,13 @@
-"""EXIF data of a camera: focal length, body, and the orientation of the picture."""
+"""The focal length in EXIF data."""
 
-import numpy as np
 import pytest
-from PIL import Image, ImageOps
+from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.photos import Photo, focal_length_px, read_exif, stored_picture
+from handbench.groundtruth.photos.photos import focal_length_px, read_exif
 
 WIDTH, HEIGHT = 32, 24
-FOCAL_MM, FOCAL_35_MM, ORIENTATION = 0x920A, 0xA405, 0x0112
+FOCAL_MM, FOCAL_35_MM = 0x920A, 0xA405
 RESOLUTION, UNIT, FULL_WIDTH = 0xA20E, 0xA210, 0xA002
 
 
@@ -42,15 +41,3 @@ def test_an_equivalent_focal_length_is_colmaps(tmp_path):
 def test_a_focal_length_in_pixels_of_the_focal_plane(tags, focal_px):
     found_px = focal_length_px(tags, WIDTH, HEIGHT)
     assert found_px == (focal_px and pytest.approx(focal_px, rel=1e-3))
-
-
-@pytest.mark.parametrize("orientation", [3, 6, 8])
-def test_an_upright_picture_is_turned_to_the_stored_one(tmp_path, orientation):
-    stored = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH), dtype=np.uint8)
-    exif = Image.Exif()
-    exif[ORIENTATION] = orientation
-    Image.fromarray(stored).save(tmp_path / "a.png", exif=exif)
-    with Image.open(tmp_path / "a.png") as image:
-        upright = np.asarray(ImageOps.exif_transpose(image))
-    photo = Photo(tmp_path / "a.png", "a.png", WIDTH, HEIGHT, orientation=orientation)
-    np.testing.assert_array_equal(stored_picture(photo, upright), stored)
