@@ -119,16 +119,9 @@ class Camera(Config):
 
 
 class CameraFile(Config):
-    """The content of a `cameras.json` file: cameras with different names."""
+    """The content of a `cameras.json` file."""
 
     cameras: tuple[Camera, ...]
-
-    @field_validator("cameras")
-    @classmethod
-    def _names_differ(cls, cameras: tuple[Camera, ...]) -> tuple[Camera, ...]:
-        if len({camera.name for camera in cameras}) < len(cameras):
-            raise ValueError("two cameras have the same name; rename one of them")
-        return cameras
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:

@@ -142,14 +142,6 @@ def _triangles(vertices_m: np.ndarray, polygons: np.ndarray) -> np.ndarray:
     raise ValueError(f"{folded.sum()} faces of {count} corners are no simple polygons")
 
 
-# The first words of an OBJ file's other lines (Wavefront, Advanced Visualizer, appendix B)
-OBJ_WORDS = frozenset(
-    b"vt vn vp cstype deg bmat step p l curv curv2 surf parm trim hole scrv sp end con g s mg o "
-    b"bevel c_interp d_interp lod maplib usemap usemtl mtllib shadow_obj trace_obj ctech "
-    b"stech".split()
-)
-
-
 def _read_obj(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     """Parse a Wavefront OBJ file. Returns the vertices' coordinates by axis, and the faces, an
     array [count, corners] of vertex indices for each number of corners."""
@@ -159,16 +151,15 @@ def _read_obj(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     # without comments, and with the lines joined that end with a backslash
     for line in re.sub(rb"#.*|\\[ \t]*\n", b" ", text).split(b"\n"):
         match line.split():
-            case [b"v", x, y, z, *_]:
-                vertices.append((float(x), float(y), float(z)))
+            case [b"v", *numbers]:
+                x, y, z, *_ = map(float, numbers)
+                vertices.append((x, y, z))
             case [b"f", *corners]:
                 # counted from 1, or from −1 for the last vertex so far
                 indices = [int(corner.partition(b"/")[0]) for corner in corners]
                 faces[len(corners)].append(
                     [i - 1 if i >= 0 else len(vertices) + i for i in indices]
                 )
-            case [word, *_] if word not in OBJ_WORDS:
-                raise ValueError(f"'{line.decode('latin-1')[:60]}' is not a line of an OBJ file")
     return by_axis(np.array(vertices).reshape(-1, 3)), [
         np.array(equal, np.int64) for equal in faces.values()
     ]

@@ -58,7 +58,6 @@ def test_marks_and_ends_of_lines_change_nothing(tmp_path, read, name, content):
     [
         (load_positions, "a.csv", CSV.replace(",", ";").encode(), "separated by commas"),
         (load_positions, "a.csv", CSV.encode("utf-16"), "utf-8"),
-        (read_triangles, "a.obj", OBJ.replace("f 1", "face 1").encode(), "'face 1 2 3'"),
         (toml, "a.toml", b"a = 1\nb = 0,3\n", "'b = 0,3'"),
         (toml, "a.toml", b"a = 1\nb = '\xfc'", "utf-8"),
         (json, "a.json", b'{"a": 1,\n"b": 0,3}', '"b": 0,3}'),

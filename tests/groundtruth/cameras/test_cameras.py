@@ -47,7 +47,6 @@ MIRROR = np.diag([1, 1, -1]).tolist()
     [
         ([{"name": "a", "width": 1, "heigth": 1, "params": [1]}], "did you mean 'height'"),
         ([ONE | {"R": MIRROR}], "not a rotation matrix"),
-        ([ONE, ONE], "two cameras have the same name"),
         ([ONE | {"model": "FISH"}], "camera a: COLMAP has no model 'FISH' with 1"),
         ([ONE | {"model": "OPENCV"}], "camera a: COLMAP has no model 'OPENCV' with 1"),
     ],

@@ -112,7 +112,6 @@ def test_a_polygon_is_cut_without_overlap(tmp_path, first):
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 0"),
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 -5"),
         ("a.obj", OBJ, b" 0.400000006", b""),
-        ("a.obj", OBJ, b"vn", b"normal"),
         ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", b"", b""),  # crosses itself
         ("a.stl", STL[:-1], b"", b""),
         ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), b"", b""),
