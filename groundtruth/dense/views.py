@@ -7,6 +7,7 @@ in a source view as ω changes: x_source ~ A x + b ω (Hartley & Zisserman, sect
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import cv2
@@ -47,15 +48,12 @@ class View:
         return -self.R.T @ self.t
 
     def halved(self) -> "View":
-        """Return the view at half the resolution. The depth range of each new pixel covers the
-        ranges of the four pixels that it joins."""
-        with np.errstate(invalid="ignore"):
-            near, far = (_blocks(depth, 2).min((1, 3)) for depth in (self.near_m, -self.far_m))
-        K = self.K / 2
+        """Return the view at half the resolution. Each new pixel has the depth range of the first
+        of the four pixels that it joins."""
         # index i of the half picture is centred at index 2 i + 1/2 of the whole one
-        K[:2, 2] -= 0.25
-        K[2, 2] = 1
-        return View(self.name, _shrink(self.gray, 2), K, self.R, self.t, near, -far)
+        K = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]]) @ self.K
+        near_m, far_m = (depth_m[::2, ::2] for depth_m in (self.near_m, self.far_m))
+        return View(self.name, _shrunk(self.gray, 2), K, self.R, self.t, near_m, far_m)
 
     def rays(self) -> np.ndarray:
         """Compute the viewing directions [h, w, 3] of the pixels in the camera frame, with z =
@@ -125,43 +123,37 @@ def open_view(
     """
     R, t = pose.rotation.matrix(), pose.translation
     K = camera.calibration_matrix()
-    K[0, 1] = 0
     K[:2] /= shrink
-    width, height = camera.width // shrink, camera.height // shrink
-    left, top, right, bottom = (
-        (0, 0, width, height) if box_m is None else _extent(box_m, K, R, t, width, height)
-    )
-    right, bottom = right - (right - left) % 2, bottom - (bottom - top) % 2
-    if right - left < 4 * BORDER_PX or bottom - top < 4 * BORDER_PX:
+    K[:2, 2] -= 0.5  # COLMAP's first pixel has its centre at 0.5
+    gray = _shrunk(photo.gray(), shrink)
+    size = gray.shape[::-1]
+    low, high = np.array([(0, 0), size]) if box_m is None else _extent(box_m, K, R, t, size)
+    width, height = (np.subtract(high, low) // 2 * 2).tolist()  # even, to be halved
+    if min(width, height) < 4 * BORDER_PX:
         return None
-    K[:2, 2] -= (left + 0.5, top + 0.5)  # COLMAP's corner origin to indices of the crop
-    rays = _rays(K, bottom - top, right - left)
-    seen = (
-        np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(*rays.shape[:2], 2) / shrink
-        - 0.5
-    )
-    columns, rows = np.moveaxis(seen.astype(np.float32), -1, 0)
-    shrunk = _shrink(photo.gray(), shrink)
-    gray = cv2.remap(shrunk, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    K[:2, 2] -= low
+    rays = _rays(K, height, width)
+    pixels = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))) / shrink - 0.5
+    columns, rows = pixels.T.reshape(2, height, width).astype(np.float32)
+    gray = cv2.remap(gray, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     gray = cv2.GaussianBlur(gray, (0, 0), BLUR_PX)
-    near, far = (np.full(gray.shape, z) for z in depth_range_m)
+    near_m, far_m = (np.full(gray.shape, depth_m) for depth_m in depth_range_m)
     if box_m is not None:
         # where each ray enters and leaves: the slab method
         with np.errstate(divide="ignore", invalid="ignore"):
-            crossings = (box_m[:, None, None] + R.T @ t) / (rays @ R)
-        near, far = crossings.min(axis=0).max(axis=-1), crossings.max(axis=0).min(axis=-1)
-        near = np.maximum(near, depth_range_m[0] / 4)  # for a camera inside the box
-    outside = ((seen < 0) | (seen > (width - 1, height - 1))).any(axis=2) | ~(near < far)
+            crossings_m = (box_m[:, None, None] + R.T @ t) / (rays @ R)
+        near_m, far_m = crossings_m.min(axis=0).max(axis=-1), crossings_m.max(axis=0).min(axis=-1)
+        near_m = np.maximum(near_m, depth_range_m[0] / 4)  # for a camera inside the box
+    beyond = ((pixels < 0) | (pixels > np.subtract(size, 1))).any(axis=1).reshape(height, width)
+    outside = beyond | ~(near_m < far_m)
     if mask is not None:
-        # beyond its edges: what is there
-        column, row = np.moveaxis(np.floor((seen + 0.5) * shrink).astype(int), -1, 0)
-        outside |= ~mask[row.clip(0, mask.shape[0] - 1), column.clip(0, mask.shape[1] - 1)]
-    near[outside] = far[outside] = np.nan
+        shown = mask[shrink // 2 :: shrink, shrink // 2 :: shrink].astype(np.uint8)
+        outside |= cv2.remap(shown, columns, rows, cv2.INTER_NEAREST) == 0
+    near_m[outside] = far_m[outside] = np.nan
     if outside.all():
         return None
-    return View(
-        photo.name, np.clip(gray, 0, 1), K, R, t, near.astype(np.float32), far.astype(np.float32)
-    )
+    gray = gray.clip(0, 1)
+    return View(photo.name, gray, K, R, t, near_m.astype(np.float32), far_m.astype(np.float32))
 
 
 def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
@@ -169,31 +161,24 @@ def _rays(K: np.ndarray, height: int, width: int) -> np.ndarray:
     return np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=-1)
 
 
-def _blocks(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Split a picture [h, w] into squares of factor × factor pixels: [h / factor, factor, w /
-    factor, factor], where axes 1 and 3 count within a square. Incomplete squares at the end are
-    dropped."""
+def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
+    """Average squares of factor × factor pixels; incomplete ones at the end are dropped."""
     h, w = (n // factor for n in picture.shape)
-    return picture[: h * factor, : w * factor].reshape(h, factor, w, factor)
-
-
-def _shrink(picture: np.ndarray, factor: int) -> np.ndarray:
-    return picture if factor == 1 else _blocks(picture, factor).mean((1, 3), dtype=np.float32)
+    return cv2.resize(picture[: h * factor, : w * factor], (w, h), interpolation=cv2.INTER_AREA)
 
 
 def _extent(
-    box_m: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, width: int, height: int
-) -> tuple[int, int, int, int]:
-    """Find the part of a picture of width × height pixels that may show the box [2, 3].
+    box_m: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, size: tuple[int, ...]
+) -> np.ndarray:
+    """Find the part of a picture (size: width and height) that may show the box [2, 3].
 
-    Returns left, top, right and bottom in pixels, with a border; the whole picture if a corner of
-    the box is behind the camera.
+    Returns the lowest and highest column and row [2, 2], with a border; the whole picture if a
+    corner of the box is behind the camera.
     """
-    corners = np.stack(np.meshgrid(*box_m.T), axis=-1).reshape(-1, 3) @ R.T + t
-    if (corners[:, 2] <= 0).any():  # a corner is behind the camera
-        return (0, 0, width, height)
-    pixels = corners @ K.T
+    corners_m = np.array(list(product(*box_m.T))) @ R.T + t
+    if (corners_m[:, 2] <= 0).any():
+        return np.array([(0, 0), size])
+    pixels = corners_m @ K.T
     pixels = pixels[:, :2] / pixels[:, 2:]
-    low = np.maximum(np.floor(pixels.min(axis=0)) - BORDER_PX, 0).astype(int)
-    high = np.minimum(np.ceil(pixels.max(axis=0)) + BORDER_PX, (width, height)).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    low, high = pixels.min(axis=0) - BORDER_PX, pixels.max(axis=0) + 1 + BORDER_PX
+    return np.clip([low, high], 0, size).astype(int)
