@@ -30,7 +30,6 @@ from PIL import Image
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.dense.dense import ViewDepth, refine_planes
 from handbench.groundtruth.dense.first_guess import planes_through
-from handbench.groundtruth.dense.fusion import CONFIRMATIONS
 from handbench.groundtruth.dense.patchmatch import RADIUS
 from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.errors import HandbenchError
@@ -67,7 +66,7 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
             "window_radius": RADIUS,
             "num_iterations": iterations,
             "geom_consistency": geometric,
-            "filter_min_num_consistent": CONFIRMATIONS if len(views) > CONFIRMATIONS + 1 else 1,
+            "filter_min_num_consistent": 1,
         }
         search(folder, options)
         suffix = "geometric.bin" if geometric else "photometric.bin"

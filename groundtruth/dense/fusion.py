@@ -7,18 +7,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from handbench.groundtruth.dense.dense import ViewDepth
-from handbench.groundtruth.dense.planesweep import LESS
-from handbench.support.compiled import njit, prange
-from handbench.support.cost import require_memory
+from handbench.groundtruth.dense.dense import LOWEST_COSINE, ViewDepth
 from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import KEPT_BYTES
 
-# other views that must agree; 1 where there are no more than a few views
-CONFIRMATIONS, FEW_VIEWS = (2, 5)
+AGREEING = 3  # views that must agree on a point
+FEW_VIEWS = 5  # where no more views than these could see a point, two suffice
 AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
-PIXEL_BYTES = 58  # a pixel of each depth map, and of two more for the one that is fused
 AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many
 
 
@@ -53,149 +49,108 @@ class Cloud:
     @classmethod
     def load(cls, file: Path) -> "Cloud":
         """Read a cloud from the .npz file that `save` wrote."""
-        found: dict[str, Any] = read_npz(
+        columns: dict[str, Any] = read_npz(
             file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES
         )
-        return cls(
-            **{**found, "names": tuple(found["names"].tolist()), "pixel_m": float(found["pixel_m"])}
-        )
+        names, pixel_m = tuple(columns["names"].tolist()), float(columns["pixel_m"])
+        return cls(**{**columns, "names": names, "pixel_m": pixel_m})
 
 
 def fuse(maps: list[ViewDepth], box_m: np.ndarray | None) -> Cloud:
-    """Fuse depth maps to a cloud. Each pixel that enough other views confirm becomes the mean of
-    the points of all views that agree.
+    """Fuse depth maps to a cloud. Each pixel becomes the mean of the points of all views that agree
+    on it, if these are three, or two where at most five views could see the point: of cameras all
+    around an object, few see the same side.
 
-    box_m [2, 3]: points outside are dropped (None: all are kept). Raises HandbenchError if memory
-    does not suffice.
+    box_m [2, 3]: points outside are dropped (None: all are kept).
     """
-    fewest = CONFIRMATIONS if len(maps) > FEW_VIEWS else 1
-    shape = tuple(max(m.depth_m.shape[axis] for m in maps) for axis in (0, 1))
-    needed = PIXEL_BYTES * (len(maps) + 2) * shape[0] * shape[1]
-    require_memory(needed, f"dense: {len(maps)} depth maps of {shape[1]} × {shape[0]} pixels", LESS)
-    depths = np.full((len(maps), *shape), np.nan)
-    normals = np.zeros((len(maps), *shape, 3))
-    for i, m in enumerate(maps):
-        h, w = m.depth_m.shape
-        depths[i, :h, :w], normals[i, :h, :w] = m.depth_m, m.normals
-    K, R, t = (np.array([getattr(m.view, key) for m in maps]) for key in ("K", "R", "t"))
+    shown_m = [(m.view.rays() * m.depth_m[..., None] - m.view.t) @ m.view.R for m in maps]
     parts = []
-    for i in range(len(maps)):
-        point, normal, agreeing, offset = _agree(i, depths, normals, K, R, t)
-        kept = agreeing.sum(axis=-1) > fewest
+    for m, own_m in zip(maps, shown_m, strict=True):
+        known = np.isfinite(m.depth_m)
+        *part, enough = _merge(known, own_m[known], m.normals[known], maps, shown_m)
         if box_m is not None:
-            kept &= ((point >= box_m[0]) & (point <= box_m[1])).all(axis=-1)
-        columns = point, normal, agreeing, _spread(offset, agreeing), depths[i] / K[i, 0, 0]
-        parts.append([column[kept] for column in columns])
-    points_m, normals, agreeing, spread_m, pixel_m = (
+            enough &= ((part[0] >= box_m[0]) & (part[0] <= box_m[1])).all(axis=1)
+        sizes_m = m.depth_m[known] / m.view.K[0, 0]
+        parts.append([column[enough] for column in (*part, sizes_m)])
+    points_m, normals, views, spread_m, sizes_m = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
+    pixel_m = float(np.median(sizes_m)) if len(sizes_m) else np.nan
     names = tuple(m.view.name for m in maps)
-    return Cloud(
-        points_m,
-        normals,
-        agreeing,
-        spread_m,
-        names,
-        float(np.median(pixel_m)) if len(pixel_m) else np.nan,
+    return Cloud(points_m, normals, views, spread_m, names, pixel_m)
+
+
+def _merge(
+    known: np.ndarray,
+    own_m: np.ndarray,
+    own_normals: np.ndarray,
+    maps: list[ViewDepth],
+    shown_m: list[np.ndarray],
+) -> tuple[np.ndarray, ...]:
+    """Merge the n pixels of one map, the True ones of `known` [h, w], with the pixels of all maps
+    that agree, its own among them.
+
+    own_m, own_normals [n, 3]: points and normals of its pixels. shown_m: the points [h, w, 3] that
+    each map shows. Returns the mean points [n, 3] and normals [n, 3], the mask [n, maps] of the
+    views that agree, the spread [n] of their depths, metres, and the mask [n] of the points on
+    which enough views agree.
+    """
+    shift_m, normals = np.zeros((2, len(own_m), 3))
+    along_m, squares_m2, viewers = np.zeros((3, len(own_m)))
+    views = np.zeros((len(own_m), len(maps)), dtype=bool)
+    for s, other in enumerate(maps):
+        place, visible, agree = _compare(own_m, own_normals, other)
+        viewers += visible
+        views[:, s] = agree
+        towards_m = np.where(agree[:, None], shown_m[s][place] - own_m, 0)
+        shift_m += towards_m
+        normals += np.where(agree[:, None], other.normals[place], 0)
+        offset_m = _averaged(_dot(towards_m, own_normals), agree, known)
+        along_m += offset_m
+        squares_m2 += offset_m**2
+    votes = views.sum(axis=1)
+    spread_m2 = (squares_m2 - along_m**2 / votes) / np.maximum(votes - 1, 1)
+    return (
+        own_m + shift_m / votes[:, None],
+        normals / votes[:, None],
+        views,
+        np.sqrt(np.maximum(spread_m2, 0)),
+        votes >= np.where(viewers > FEW_VIEWS, AGREEING, 2),
     )
 
 
-def _spread(offset: np.ndarray, agreeing: np.ndarray) -> np.ndarray:
-    """Compute at each pixel the standard deviation [h, w], metres, between the depths of the views
-    that agree on it.
+def _compare(
+    points_m: np.ndarray, normals: np.ndarray, other: ViewDepth
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Compare points [n, 3] and their normals [n, 3] with a depth map.
 
-    offset [h, w, views]: distance of each view's point from the pixel's own point, along the
-    normal; averaged over a small window first. agreeing [h, w, views]: True for the views that
-    agree.
+    Returns the rows and columns [n] of the points' pixels; the mask [n] of the points that the view
+    could see: they are in its picture, face it, and it shows nothing nearer; and the mask [n] of
+    those that its depth and normal agree with.
     """
-    size, near = (AVERAGED_PX, AVERAGED_PX), np.empty(offset.shape)
-    for s in range(offset.shape[-1]):
-        total, count = (
-            cv2.blur(np.where(agreeing[..., s], a, 0), size) for a in (offset[..., s], np.ones(1))
-        )
-        near[..., s] = total / np.maximum(count, 0.5 / AVERAGED_PX**2)
-    votes = agreeing.sum(axis=-1)
-    near -= (np.where(agreeing, near, 0).sum(axis=-1) / np.maximum(votes, 1))[..., None]
-    square = np.where(agreeing, near**2, 0).sum(axis=-1)
-    return np.asarray(np.sqrt(square / np.maximum(votes - 1, 1)))
+    view, (h, w) = other.view, other.depth_m.shape
+    x, y, depth_m = view.K @ (view.R @ points_m.T + view.t[:, None])
+    with np.errstate(divide="ignore", invalid="ignore"):  # points in the camera's plane
+        column, row = np.rint(x / depth_m), np.rint(y / depth_m)
+        inside = (depth_m > 0) & (column >= 0) & (column < w) & (row >= 0) & (row < h)
+        place = np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int)
+        behind_px = (1 - other.depth_m[place] / depth_m) * view.K[0, 0]
+    towards_m = view.centre_m - points_m
+    cosine = _dot(towards_m, normals) / np.sqrt(_dot(towards_m, towards_m))
+    visible = inside & (cosine > LOWEST_COSINE) & ~(behind_px > AGREEMENT_PX)
+    agree = inside & (np.abs(behind_px) <= AGREEMENT_PX)
+    agree &= _dot(other.normals[place], normals) >= WIDEST_COSINE
+    return place, visible, agree
 
 
-@njit(parallel=True, cache=True)
-def _agree(
-    reference: int,
-    depths: np.ndarray,
-    normals: np.ndarray,
-    K: np.ndarray,
-    R: np.ndarray,
-    t: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the views that agree in depth and normal with each pixel of the view number `reference`.
-
-    depths [views, h, w] (metres) and normals [views, h, w, 3]: depth maps of all views; K, R, t:
-    their cameras. Returns for each pixel, over the reference and the agreeing views, the mean point
-    [h, w, 3] and the mean normal [h, w, 3]; the mask [h, w, views] of these views; and the distance
-    [h, w, views] of each view's point from the pixel's own, along the normal.
-    """
-    count, h, w = depths.shape
-    point, normal = np.zeros((h, w, 3)), np.zeros((h, w, 3))
-    agreeing = np.zeros((h, w, count), dtype=np.bool_)
-    offset = np.zeros((h, w, count))
-    for y in prange(h):
-        here, seen, there = np.empty(3), np.empty(3), np.empty(3)
-        for x in range(w):
-            if np.isnan(depths[reference, y, x]):
-                continue
-            _world(x, y, depths[reference, y, x], K[reference], R[reference], t[reference], here)
-            for axis in range(3):  # whole rows of three take seconds more to compile
-                point[y, x, axis] += here[axis]
-                normal[y, x, axis] += normals[reference, y, x, axis]
-            agreeing[y, x, reference] = True
-            votes = 1
-            for s in range(count):
-                _project(here, K[s], R[s], t[s], seen)
-                j, i, depth = int(np.floor(seen[0] + 0.5)), int(np.floor(seen[1] + 0.5)), seen[2]
-                if s == reference or depth <= 0 or not (0 <= i < h and 0 <= j < w):
-                    continue
-                if not abs(depths[s, i, j] - depth) * K[s, 0, 0] <= AGREEMENT_PX * depth:
-                    continue
-                cosine = 0.0
-                for axis in range(3):
-                    cosine += normals[s, i, j, axis] * normals[reference, y, x, axis]
-                if cosine < WIDEST_COSINE:
-                    continue
-                _world(j, i, depths[s, i, j], K[s], R[s], t[s], there)
-                for axis in range(3):
-                    offset[y, x, s] += (there[axis] - here[axis]) * normals[reference, y, x, axis]
-                    point[y, x, axis] += there[axis]
-                    normal[y, x, axis] += normals[s, i, j, axis]
-                agreeing[y, x, s] = True
-                votes += 1
-            for axis in range(3):
-                point[y, x, axis] /= votes
-                normal[y, x, axis] /= votes
-    return point, normal, agreeing, offset
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.asarray(np.einsum("na,na->n", a, b))
 
 
-@njit(forceinline=True)
-def _world(
-    x: int, y: int, depth: float, K: np.ndarray, R: np.ndarray, t: np.ndarray, point: np.ndarray
-) -> None:
-    """Compute the world point that a view shows at pixel (x, y) and a given depth; written into
-    `point` [3]."""
-    a = (x - K[0, 2]) / K[0, 0] * depth - t[0]
-    b = (y - K[1, 2]) / K[1, 1] * depth - t[1]
-    c = depth - t[2]
-    for axis in range(3):
-        point[axis] = R[0, axis] * a + R[1, axis] * b + R[2, axis] * c
-
-
-@njit(forceinline=True, error_model="numpy")  # a point in the camera's plane is seen at infinity
-def _project(
-    point: np.ndarray, K: np.ndarray, R: np.ndarray, t: np.ndarray, seen: np.ndarray
-) -> None:
-    """Project a world point [3] into a view; the column, row and depth are written into `seen`
-    [3]."""
-    a = R[0, 0] * point[0] + R[0, 1] * point[1] + R[0, 2] * point[2] + t[0]
-    b = R[1, 0] * point[0] + R[1, 1] * point[1] + R[1, 2] * point[2] + t[1]
-    c = R[2, 0] * point[0] + R[2, 1] * point[1] + R[2, 2] * point[2] + t[2]
-    seen[0], seen[1], seen[2] = K[0, 0] * a / c + K[0, 2], K[1, 1] * b / c + K[1, 2], c
+def _averaged(values: np.ndarray, agree: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Average values [n] of the n True pixels of the mask `known` [h, w] over those of a few
+    neighbouring pixels that agree [n]. Returns [n], 0 where a pixel does not agree itself."""
+    sums, counts = np.zeros((2, *known.shape))
+    sums[known], counts[known] = values * agree, agree
+    sums, counts = (cv2.blur(p, (AVERAGED_PX, AVERAGED_PX)) for p in (sums, counts))
+    return np.where(agree, sums[known] / np.maximum(counts[known], 1e-9), 0)

@@ -1,22 +1,22 @@
-"""Compilation of the functions for matching and fusion before they are needed. It takes about
+"""Compilation of the functions for matching before they are needed. It takes about
 twenty seconds, once per machine; later runs read the cache of compiled code."""
 
 import numpy as np
 
-from handbench.groundtruth.dense import fusion, patchmatch, planesweep
+from handbench.groundtruth.dense import patchmatch, planesweep
 from handbench.groundtruth.dense.dense import depth_maps
 from handbench.groundtruth.dense.views import View
 from handbench.support.compiled import announce_compilation
 
 
 def announce() -> None:
-    """Say that the functions for matching and fusion are compiled now, if the cache of compiled
+    """Say that the functions for matching are compiled now, if the cache of compiled
     code lacks them."""
-    announce_compilation(planesweep._correlate, patchmatch._pass, fusion._agree)
+    announce_compilation(planesweep._correlate, patchmatch._pass)
 
 
 def compile_kernels() -> None:
-    """Compute and fuse depth maps of three small random pictures, so that later measured times
+    """Compute depth maps of three small random pictures, so that later measured times
     contain neither compilation nor loading from the cache."""
     announce()
     K, depth_m = np.array([[60.0, 0, 20], [0, 60, 20], [0, 0, 1]]), np.ones((40, 40), np.float32)
@@ -25,4 +25,4 @@ def compile_kernels() -> None:
     views = [
         View("", gray[i], K, np.eye(3), steps_m[i], 0.9 * depth_m, 1.1 * depth_m) for i in range(3)
     ]
-    fusion.fuse(depth_maps(views, [[1, 2], [0, 2], [0, 1]], 1, 0), None)
+    depth_maps(views, [[1, 2], [0, 2], [0, 1]], 1, 0)

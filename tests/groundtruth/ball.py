@@ -67,6 +67,25 @@ def view(name, angle_x, angle_y, height=SIZE, width=SIZE):
     return replace(bare, gray=gray), depth_m
 
 
+def ring(count):
+    """Views all around the sphere without a wall, and the sources of each: those that see the same
+    of its points."""
+    views = []
+    for angle in 2 * np.pi * np.arange(count) / count:
+        c, s = np.cos(angle), np.sin(angle)
+        made = replace(
+            view(f"{angle:.2f}", 0, 0)[0], R=np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+        )
+        points_m = world_points_m(made, surface(made.rays(), made.R, made.t)[0])
+        off_m = np.abs(np.linalg.norm(points_m, axis=-1) - RADIUS_M)
+        gray = np.where(off_m < 1e-9, texture(points_m), 0.5)
+        views.append(replace(made, gray=gray.astype(np.float32)))
+    points_m = np.random.default_rng(0).normal(size=(300, 3))
+    points_m *= RADIUS_M / np.linalg.norm(points_m, axis=1)[:, None]
+    facing = [points_m @ v.centre_m > RADIUS_M * (RADIUS_M + 0.2 * DISTANCE_M) for v in views]
+    return views, choose_sources(views, np.transpose(facing), points_m)
+
+
 def scene(sizes):
     """Views of these sizes [height, width], the true depth of each, and the sources of each."""
     angles = zip(ANGLES, sizes, strict=True)

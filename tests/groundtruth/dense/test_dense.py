@@ -4,9 +4,11 @@ form."""
 import numba
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.dense import depth_maps
 from handbench.groundtruth.dense.first_guess import first_guess
+from handbench.groundtruth.dense.fusion import fuse
 from handbench.groundtruth.dense.views import Stereo
 from tests.groundtruth import ball
 
@@ -24,6 +26,19 @@ def maps(scene):
 
 def test_depths_and_fused_points_are_right_where_they_are_given(scene, maps):
     ball.check(maps, scene[1], known=0.6, rim=0.6, angle_deg=6, points=3000)
+
+
+def test_twelve_cameras_30_degrees_apart_see_all_around_the_sphere():
+    """A point has two or three other cameras that see it well: if two had to confirm it, a tenth
+    would be missing (measured)."""
+    views, sources = ball.ring(12)
+    cloud = fuse(depth_maps(views, sources, iterations=2, seed=0), None)
+    error = np.abs(np.linalg.norm(cloud.points_m, axis=1) - ball.RADIUS_M) / ball.DISPARITY_M
+    assert np.median(error) < 0.02 and np.quantile(error, 0.99) < 0.1
+    around, up = np.meshgrid(np.deg2rad(np.arange(0, 360, 2)), np.deg2rad(np.arange(-30, 31, 3)))
+    band = np.stack([np.cos(up) * np.sin(around), np.sin(up), np.cos(up) * np.cos(around)], axis=-1)
+    distance_m, _ = KDTree(cloud.points_m).query(ball.RADIUS_M * band)
+    assert (distance_m < 2 * ball.PIXEL_M).mean() > 0.99
 
 
 def test_windows_bend_with_the_sphere(scene, maps):

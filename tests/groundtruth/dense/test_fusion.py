@@ -1,5 +1,7 @@
 """Fusion of depth maps made by hand: parallel cameras before a wall, whole pixels apart."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,15 +79,27 @@ def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
     assert np.sqrt(np.mean(white.spread_m[inside] ** 2)) == pytest.approx(sigma_m / 3, rel=0.07)
 
 
-def test_of_few_views_two_suffice_of_more_three_are_needed():
-    def pair_among(count):
-        return fuse([wall(0), wall(1), *(wall(i, 0.2 * (i - 1)) for i in range(2, count))], None)
+def behind_the_wall(i):
+    """The depth map, without known depths, of a camera that sees the wall's back."""
+    made = wall(i, np.nan)
+    R, t = np.diag([-1.0, 1, -1]), np.array([i * PIXEL_M, 0, 2 * WALL_M])
+    return replace(made, view=replace(made.view, R=R, t=t))
 
-    for count in (3, FEW_VIEWS):
-        few = pair_among(count)
-        assert len(few.points_m) and (few.views == (np.arange(count) < 2)).all()
-    nothing = pair_among(FEW_VIEWS + 1)
-    assert nothing.views.shape == (0, FEW_VIEWS + 1) and np.isnan(nothing.pixel_m)
+
+def test_two_views_suffice_unless_many_could_see_a_point():
+    """Views that see through the wall count; those that show something before it do not, nor do
+    those that see its back."""
+
+    def middle(*others):
+        cloud = fuse([wall(0), wall(1), *others], None)
+        return cloud.views[np.abs(cloud.points_m[:, 0]) < 2.5 * PIXEL_M]
+
+    through = [wall(i, 0.2 * i) for i in range(1, FEW_VIEWS)]
+    assert not len(middle(*through))
+    hidden, averted = [wall(i, -0.1 * i) for i in range(1, 4)], [behind_the_wall(i) for i in (8, 9)]
+    for others in ([], through[1:], [*through[1:], *hidden], [*through[1:], *averted]):
+        views = middle(*others)
+        assert len(views) == 2 * 5 * SIZE[0] and views[:, :2].all() and not views[:, 2:].any()
 
 
 def test_unknown_depths_and_pictures_of_other_sizes():
