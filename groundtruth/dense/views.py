@@ -52,8 +52,10 @@ class View:
         of the four pixels that it joins."""
         # index i of the half picture is centred at index 2 i + 1/2 of the whole one
         K = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]]) @ self.K
-        near_m, far_m = (depth_m[::2, ::2] for depth_m in (self.near_m, self.far_m))
-        return View(self.name, _shrunk(self.gray, 2), K, self.R, self.t, near_m, far_m)
+        gray = _shrunk(self.gray, 2)
+        h, w = gray.shape
+        near_m, far_m = (z[::2, ::2][:h, :w] for z in (self.near_m, self.far_m))
+        return View(self.name, gray, K, self.R, self.t, near_m, far_m)
 
     def rays(self) -> np.ndarray:
         """Compute the viewing directions [h, w, 3] of the pixels in the camera frame, with z =
