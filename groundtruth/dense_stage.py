@@ -73,5 +73,5 @@ def _fused(
     views, sources = open_views(photos, sparse.model, effort.shrink, box_m, options.masks)
     announce()
     if options.dense == "cuda":
-        return fuse(cuda.depth_maps(views, sources, options.quality), box_m)
-    return fuse(depth_maps(views, sources, effort.iterations, options.seed), box_m)
+        return fuse(cuda.depth_maps(views, sources, options.quality))
+    return fuse(depth_maps(views, sources, effort.iterations, options.seed))

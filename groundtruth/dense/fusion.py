@@ -56,45 +56,29 @@ class Cloud:
         return cls(**{**columns, "names": names, "pixel_m": pixel_m})
 
 
-def fuse(maps: list[ViewDepth], box_m: np.ndarray | None) -> Cloud:
+def fuse(maps: list[ViewDepth]) -> Cloud:
     """Fuse depth maps to a cloud. Each pixel becomes the mean of the points of all views that agree
     on it, if these are three, or two where at most five views could see the point: of cameras all
-    around an object, few see the same side.
-
-    box_m [2, 3]: points outside are dropped (None: all are kept).
-    """
+    around an object, few see the same side."""
     shown_m = [(m.view.rays() * m.depth_m[..., None] - m.view.t) @ m.view.R for m in maps]
-    parts = []
-    for m, own_m in zip(maps, shown_m, strict=True):
-        known = np.isfinite(m.depth_m)
-        *part, enough = _merge(known, own_m[known], m.normals[known], maps, shown_m)
-        if box_m is not None:
-            enough &= ((part[0] >= box_m[0]) & (part[0] <= box_m[1])).all(axis=1)
-        sizes_m = m.depth_m[known] / m.view.K[0, 0]
-        parts.append([column[enough] for column in (*part, sizes_m)])
+    parts = [_merge(i, maps, shown_m) for i in range(len(maps))]
     points_m, normals, views, spread_m, sizes_m = (
         np.concatenate(column) for column in zip(*parts, strict=True)
     )
-    pixel_m = float(np.median(sizes_m)) if len(sizes_m) else np.nan
     names = tuple(m.view.name for m in maps)
+    pixel_m = float(np.median(sizes_m)) if len(sizes_m) else np.nan
     return Cloud(points_m, normals, views, spread_m, names, pixel_m)
 
 
-def _merge(
-    known: np.ndarray,
-    own_m: np.ndarray,
-    own_normals: np.ndarray,
-    maps: list[ViewDepth],
-    shown_m: list[np.ndarray],
-) -> tuple[np.ndarray, ...]:
-    """Merge the n pixels of one map, the True ones of `known` [h, w], with the pixels of all maps
-    that agree, its own among them.
+def _merge(i: int, maps: list[ViewDepth], shown_m: list[np.ndarray]) -> list[np.ndarray]:
+    """Merge the pixels of map number i with the pixels of all maps that agree, its own among them.
 
-    own_m, own_normals [n, 3]: points and normals of its pixels. shown_m: the points [h, w, 3] that
-    each map shows. Returns the mean points [n, 3] and normals [n, 3], the mask [n, maps] of the
-    views that agree, the spread [n] of their depths, metres, and the mask [n] of the points on
-    which enough views agree.
+    shown_m: the points [h, w, 3] that each map shows. Returns, of the n pixels on which enough
+    views agree, the mean points [n, 3] and normals [n, 3], the mask [n, maps] of the views that
+    agree, the spread [n] of their depths, and the size [n] of a pixel on the surface, metres.
     """
+    known = np.isfinite(maps[i].depth_m)
+    own_m, own_normals = shown_m[i][known], maps[i].normals[known]
     shift_m, normals = np.zeros((2, len(own_m), 3))
     along_m, squares_m2, viewers = np.zeros((3, len(own_m)))
     views = np.zeros((len(own_m), len(maps)), dtype=bool)
@@ -110,13 +94,15 @@ def _merge(
         squares_m2 += offset_m**2
     votes = views.sum(axis=1)
     spread_m2 = (squares_m2 - along_m**2 / votes) / np.maximum(votes - 1, 1)
-    return (
+    columns = (
         own_m + shift_m / votes[:, None],
         normals / votes[:, None],
         views,
         np.sqrt(np.maximum(spread_m2, 0)),
-        votes >= np.where(viewers > FEW_VIEWS, AGREEING, 2),
+        maps[i].depth_m[known] / maps[i].view.K[0, 0],
     )
+    enough = votes >= np.where(viewers > FEW_VIEWS, AGREEING, 2)
+    return [column[enough] for column in columns]
 
 
 def _compare(

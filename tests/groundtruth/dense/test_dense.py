@@ -32,7 +32,7 @@ def test_twelve_cameras_30_degrees_apart_see_all_around_the_sphere():
     """A point has two or three other cameras that see it well: if two had to confirm it, a tenth
     would be missing (measured)."""
     views, sources = ball.ring(12)
-    cloud = fuse(depth_maps(views, sources, iterations=2, seed=0), None)
+    cloud = fuse(depth_maps(views, sources, iterations=2, seed=0))
     error = np.abs(np.linalg.norm(cloud.points_m, axis=1) - ball.RADIUS_M) / ball.DISPARITY_M
     assert np.median(error) < 0.02 and np.quantile(error, 0.99) < 0.1
     around, up = np.meshgrid(np.deg2rad(np.arange(0, 360, 2)), np.deg2rad(np.arange(-30, 31, 3)))

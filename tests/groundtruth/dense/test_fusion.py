@@ -28,7 +28,7 @@ def test_points_are_means_and_spreads_are_standard_deviations(tmp_path):
     """In units of a pixel; all four agree, and those of camera 0 at pixels that all of them show.
     A kept cloud comes back."""
     offs_m = PIXEL_M * np.array([0.0, 0.3, -0.2, 0.5])
-    cloud = fuse([wall(i, off_m) for i, off_m in enumerate(offs_m)], None)
+    cloud = fuse([wall(i, off_m) for i, off_m in enumerate(offs_m)])
     everyone = cloud.views.all(axis=1)
     assert everyone.sum() == 4 * SIZE[0] * (SIZE[1] - 3)
     np.testing.assert_allclose(cloud.points_m[everyone, 2], WALL_M + offs_m.mean(), rtol=1e-12)
@@ -54,11 +54,11 @@ def test_a_cloud_names_the_views_that_agree():
         wall(3, 0.0, (0.9, 0.0, -(0.19**0.5))),
         wall(4),
     ]
-    cloud = fuse(maps, None)
+    cloud = fuse(maps)
     assert not cloud.views[:, 2].any() and not cloud.views[:, 3].any()
     middle = np.abs(cloud.points_m[:, 0]) < 2.5 * PIXEL_M
     assert middle.sum() == 3 * 5 * SIZE[0] and cloud.views[middle][:, [0, 1, 4]].all()
-    nearer = fuse([*maps[:2], wall(2, 0.9 * AGREEMENT_PX * PIXEL_M), *maps[3:]], None)
+    nearer = fuse([*maps[:2], wall(2, 0.9 * AGREEMENT_PX * PIXEL_M), *maps[3:]])
     assert nearer.views[:, 2].any()
 
 
@@ -74,7 +74,7 @@ def test_what_varies_from_pixel_to_pixel_is_averaged_as_a_surface_does():
         return made
 
     sigma_m = 0.1 * PIXEL_M
-    white = fuse([noisy(i, sigma_m * draws.standard_normal(size)) for i in range(4)], None)
+    white = fuse([noisy(i, sigma_m * draws.standard_normal(size)) for i in range(4)])
     inside = (white.views.sum(axis=1) == 4) & (np.abs(white.points_m[:, 1] - 0.25) < 0.2)
     assert np.sqrt(np.mean(white.spread_m[inside] ** 2)) == pytest.approx(sigma_m / 3, rel=0.07)
 
@@ -91,7 +91,7 @@ def test_two_views_suffice_unless_many_could_see_a_point():
     those that see its back."""
 
     def middle(*others):
-        cloud = fuse([wall(0), wall(1), *others], None)
+        cloud = fuse([wall(0), wall(1), *others])
         return cloud.views[np.abs(cloud.points_m[:, 0]) < 2.5 * PIXEL_M]
 
     through = [wall(i, 0.2 * i) for i in range(1, FEW_VIEWS)]
@@ -105,7 +105,7 @@ def test_two_views_suffice_unless_many_could_see_a_point():
 def test_unknown_depths_and_pictures_of_other_sizes():
     maps = [wall(0), wall(1, size=(10, 16)), wall(2, size=(12, 9))]
     maps[1].depth_m[4] = np.nan
-    cloud = fuse(maps, None)
+    cloud = fuse(maps)
     assert np.isfinite(cloud.points_m).all() and np.isfinite(cloud.spread_m).all()
     row = np.round(cloud.points_m[:, 1] / PIXEL_M).astype(int) + 5
     column = np.round(cloud.points_m[:, 0] / PIXEL_M).astype(int) + 7
