@@ -20,6 +20,7 @@ from handbench.groundtruth.photos.photos import find_photos
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.config import parse
 from handbench.support.files import read_json, write_json
+from handbench.support.pictures import open_picture
 from handbench.support.store import stage
 
 MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
@@ -67,11 +68,8 @@ def measured_surface(
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
     """Write the photograph of one camera to `file` as JPEG, cropped to the part that shows the box
     [2, 3] in the photo frame (None: not cropped). photos: folder of the photographs."""
-    from PIL import Image
-
     path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)
-    with Image.open(path) as opened:
-        image: Image.Image = opened
+    with open_picture(path) as image:
         if box_m is not None:
             corners = camera.project(np.array(list(product(*box_m.T))))
             left, top = np.maximum(corners.min(axis=0), 0)
