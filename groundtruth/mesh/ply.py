@@ -1,7 +1,6 @@
 """Reader and writer of PLY files."""
 
 import re
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +23,6 @@ WRITTEN_TYPES = {
 TYPES = {
     name: kind for kind in WRITTEN_TYPES for name in (WRITTEN_TYPES[kind], np.dtype(kind).name)
 }
-BLOCK = 10_000  # rows that are looked at together
-MOST_RUNS = 200_000  # of rows with equally long lists: each takes a kilobyte of memory
 
 Properties = dict[str, list[str]]  # numpy's type of each; of a list, the type of its length before
 
@@ -58,9 +55,9 @@ def write_ply(path: str | Path, columns: dict[str, np.ndarray], faces: np.ndarra
 def read_ply(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     """Parse a PLY file, text or binary.
 
-    Returns the vertices' properties, arrays [n] by name, and the faces, an array [count, corners]
-    of vertex indices for each number of corners. Raises ValueError, LookupError or OverflowError
-    unless the file has exactly the rows that its header declares.
+    Returns the vertices' properties, arrays [n] by name, and the faces, one array [count, corners]
+    of vertex indices. Raises ValueError, LookupError or OverflowError unless the file has exactly
+    the rows that its header declares, and all its faces have the same number of corners.
     """
     header = HEADER.match(content)
     if header is None:
@@ -72,19 +69,14 @@ def read_ply(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     tables = {}
     offset = 0
     for name, (count, properties) in elements.items():
-        tables[name], offset = _rows(properties, count, body, offset)
+        if count:
+            tables[name] = _rows(properties, count, body, offset)
+            offset += tables[name].nbytes
     if body[offset:].strip():
         raise ValueError(f"{len(body) - offset} bytes follow after its last row")
-    vertices = {
-        name: np.concatenate([rows[name] for rows in tables["vertex"]])
-        for name, types in elements["vertex"][1].items()
-        if len(types) == 1
-    }
-    polygons = defaultdict[int, list[np.ndarray]](list)
-    for rows in tables.get("face", []):
-        name = "vertex_index" if "vertex_index" in (rows.dtype.names or ()) else "vertex_indices"
-        polygons[rows[name].shape[1]].append(rows[name])
-    return vertices, [np.concatenate(equal) for equal in polygons.values()]
+    faces = tables["face"]
+    name = "vertex_index" if "vertex_index" in elements["face"][1] else "vertex_indices"
+    return {key: tables["vertex"][key] for key in elements["vertex"][1]}, [faces[name]]
 
 
 def _elements(header: str) -> tuple[str, dict[str, tuple[int, Properties]]]:
@@ -107,29 +99,14 @@ def _elements(header: str) -> tuple[str, dict[str, tuple[int, Properties]]]:
     return order, elements
 
 
-def _rows(
-    properties: Properties, count: int, body: bytes, offset: int
-) -> tuple[list[np.ndarray], int]:
-    """Read `count` rows of a table, which begin at the byte `offset` of `body`.
-
-    Returns runs of consecutive rows whose lists have the same lengths, as structured arrays, and
-    the offset at which the last one ends. Raises ValueError if rows are missing.
-    """
-    lists = [name for name, types in properties.items() if len(types) == 2]
-    runs: list[np.ndarray] = []
-    while count > 0:
-        dtype = _row_type(properties, body, offset)
-        most = min(count, BLOCK, (len(body) - offset) // dtype.itemsize)
-        rows = np.frombuffer(body, dtype, most, offset)
-        same = np.all([rows[f"length of {name}"] == rows[name].shape[1] for name in lists], axis=0)
-        if not same.all():
-            rows = rows[: same.argmin()]
-        if len(rows) == 0 or len(runs) == MOST_RUNS:
-            raise ValueError(f"{count} rows are missing or too mixed")
-        runs.append(rows)
-        offset += rows.nbytes
-        count -= len(rows)
-    return runs, offset
+def _rows(properties: Properties, count: int, body: bytes, offset: int) -> np.ndarray:
+    """Read `count` rows of a table, which begin at the byte `offset` of `body`, as a structured
+    array. Raises ValueError if rows are missing or differ in the lengths of their lists."""
+    rows = np.frombuffer(body, _row_type(properties, body, offset), count, offset)
+    for name, types in properties.items():
+        if len(types) == 2 and (rows[f"length of {name}"] != rows[name].shape[1]).any():
+            raise ValueError(f"the lists '{name}' differ in length; export it with triangles only")
+    return rows
 
 
 def _row_type(properties: Properties, body: bytes, offset: int) -> np.dtype:
