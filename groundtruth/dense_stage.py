@@ -40,7 +40,7 @@ def make(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> Non
     names = {camera.name for camera in solved.cameras()}
     registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
     plane = board_plane(Path(photos), chosen.board, solved)
-    bounds = volume(chosen.box_m if chosen.box() is not None else None, plane, solved)
+    bounds = volume(chosen.box_m, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
         bounds = narrow_volume(

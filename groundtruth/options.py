@@ -3,13 +3,12 @@
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from handbench.support.config import Config
-from handbench.support.errors import HandbenchError
 
 Quality = Literal["draft", "normal", "high"]
+Lenses = Literal["auto", "one", "each"]
 
 
 class Effort(NamedTuple):
@@ -29,17 +28,12 @@ class SparseOptions(Config):
     """Options for finding the cameras' poses and the metric scale.
 
     cameras: known cameras, as a cameras.json, a COLMAP model's folder or Metashape's XML (default:
-    the cameras.json in the photographs' folder, if any). If all have poses, these are used
-    unchanged.
+    the cameras.json in the photographs' folder, if any). What it holds is not changed: the lenses
+    and, if all have poses, the poses. metric: True if the poses of a COLMAP model are in metres.
 
     intrinsics: fx, fy, cx, cy in pixels of the one camera that took all photographs, without
-    distortion. shared_intrinsics: how many unknown lenses are estimated: one for all photographs of
-    a size (True), one for each photograph (False), or one for each camera, distinguished by EXIF
-    data or picture size (None).
-
-    model: a COLMAP model of these photographs, used instead of structure from motion; if it has no
-    points, they are triangulated. metric: True if the poses of a COLMAP model, given as `model` or
-    `cameras`, are in metres.
+    distortion. lenses: how many unknown lenses there are: "one" for all photographs of a size,
+    "each" photograph its own, or "auto": by EXIF data or, without them, one for each size.
 
     board: file that describes the board (default: the board.toml in the photographs' folder, if
     any). unscaled: go on without a metric scale. seed: of random numbers.
@@ -47,8 +41,7 @@ class SparseOptions(Config):
 
     cameras: Path | None = None
     intrinsics: tuple[float, float, float, float] | None = None
-    shared_intrinsics: bool | None = None
-    model: Path | None = None
+    lenses: Lenses = "auto"
     metric: bool = False
     board: Path | None = None
     unscaled: bool = False
@@ -66,18 +59,12 @@ class Region(Config):
     board: Path | None = None
     box_m: tuple[float, float, float, float, float, float] | None = None
 
-    def box(self) -> np.ndarray | None:
-        """Return the lowest and highest corner [2, 3] of the box; None if no box is given. Raises
-        HandbenchError if a lower bound is not below its upper bound."""
-        if self.box_m is None:
-            return None
-        box = np.array(self.box_m).reshape(2, 3)
-        if not (box[0] < box[1]).all():
-            raise HandbenchError(
-                f"box_m: is {self.box_m}; expected xmin, ymin, zmin, xmax, ymax, zmax with min < "
-                "max"
-            )
-        return box
+    @field_validator("box_m")
+    @classmethod
+    def _is_box(cls, box_m: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if box_m is not None and any(box_m[k] >= box_m[k + 3] for k in range(3)):
+            raise ValueError("expected xmin, ymin, zmin, xmax, ymax, zmax with min < max")
+        return box_m
 
 
 class DenseOptions(Region):

@@ -8,20 +8,15 @@ from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register
 from handbench.support.config import parse
-from handbench.support.files import write_json
 from handbench.support.store import stage
-
-PHOTOGRAPHS = "photographs.json"  # the names of those that were used
 
 
 @stage("sparse", "groundtruth", "calibration/transforms.py")
 def make(folder: Path, photos: str, options: dict[str, Any]) -> None:
     """Run the sparse stage: find the cameras of the photographs in the folder `photos`.
 
-    COLMAP model, scale and covariance, and the list of the photographs used, are written into
-    `folder`. options: fields of SparseOptions. Raises HandbenchError, before the work starts, for
-    inputs that cannot be reconstructed.
+    COLMAP model, scale and covariance are written into `folder`. options: fields of SparseOptions.
+    Raises HandbenchError, before the work starts, for inputs that cannot be reconstructed.
     """
-    inputs, chosen = gather(Path(photos), parse(SparseOptions, options, "groundtruth"))
-    register(inputs, chosen).save(folder)
-    write_json(folder / PHOTOGRAPHS, [photo.name for photo in inputs.photos])
+    chosen = parse(SparseOptions, options, "groundtruth")
+    register(gather(Path(photos), chosen), chosen).save(folder)

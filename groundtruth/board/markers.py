@@ -6,14 +6,17 @@ towards the dark side. This module therefore converts tones to linear light and 
 to the middle of each edge's brightness slope; the lines' intersections have neither error.
 """
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 
 from handbench.groundtruth.board.board import CHESSBOARD, Board
-from handbench.groundtruth.photos.photos import Photo, is_plausible
+from handbench.groundtruth.photos.photos import Photo
 from handbench.support.errors import HandbenchError
 
-FEWEST_CORNERS = 16  # for a focal length
+FEWEST_CORNERS = 16  # of a view, for a focal length
+PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 REACHES_PX = (4.0, 3.0)  # across the edge, first and second pass
 REACH = 1 / 8  # largest reach relative to the shortest side; a marker's border is 1/6 to 1/12 of it
 INNER = 0.1  # share at either end of an edge that is left out: blur mixes in the other edge
@@ -98,35 +101,23 @@ def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
     return seen
 
 
-def focal_length_px(photo: Photo, corners: Corners, board: Board) -> float | None:
-    """Estimate the focal length in pixels, to a few per cent, from one view of a flat board.
+def focal_length_px(views: Iterable[Corners], size: tuple[int, int], board: Board) -> float | None:
+    """Estimate the focal length of a lens in pixels, to a few per cent, from views of a flat board.
 
-    corners: the detected ones, by (marker's id, or −1 for a ChArUco board, and number of the
-    corner). Returns None if there are too few, if the board is not flat, or if the result is
-    implausible. A tilted plane determines the focal length if the principal point is at the
-    picture's middle (Zhang, TPAMI 2000).
+    views: the detected corners of each view. size: width and height of the pictures. Returns None
+    if no view shows enough corners, if the board is not flat, or if the result is implausible. A
+    tilted plane determines the focal length if the principal point is at the picture's middle
+    (Zhang, TPAMI 2000).
     """
-    if len(corners) < FEWEST_CORNERS:
-        return None
     known = board.corners_m()
-    points_m = np.array([known[marker][k] for marker, k in corners], dtype=np.float32)
-    if np.ptp(points_m[:, 2]) > 0:
+    shown = [view for view in views if len(view) >= FEWEST_CORNERS]
+    points_m = [np.array([known[m][k] for m, k in view], dtype=np.float32) for view in shown]
+    if not shown or any(np.ptp(each[:, 2]) > 0 for each in points_m):
         return None
-    pixels = np.array(list(corners.values()), dtype=np.float32) - 0.5
-    size = (photo.width, photo.height)
-    guess = np.array(
-        [
-            [1.2 * max(size), 0, size[0] / 2 - 0.5],
-            [0, 1.2 * max(size), size[1] / 2 - 0.5],
-            [0, 0, 1],
-        ]
-    )
-    flags = (
-        cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_PRINCIPAL_POINT | cv2.CALIB_FIX_ASPECT_RATIO
-    )
-    flags |= cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3
-    _, K, *_ = cv2.calibrateCamera([points_m], [pixels], size, guess, None, flags=flags)
-    return float(K[0, 0]) if is_plausible(K[0, 0], *size) else None
+    pixels = [np.array(list(view.values()), dtype=np.float32) for view in shown]
+    focal_px = float(cv2.initCameraMatrix2D(points_m, pixels, size)[0, 0])
+    low, high = PLAUSIBLE
+    return focal_px if low < focal_px / max(size) < high else None
 
 
 def to_light(tones: np.ndarray) -> np.ndarray:

@@ -2,9 +2,7 @@
 
 import posixpath
 import struct
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
 
 from handbench.groundtruth.cameras.cameras import (
     Camera,
@@ -21,79 +19,47 @@ from handbench.support.files import one_form, read_bytes, require_folder
 from handbench.support.limits import MODEL_BYTES
 from handbench.support.progress import say
 
-FEWEST_POINTS = 20  # least number of points in a photograph of a model
 # least and largest focal length over the picture's longer side, largest distortion
 PLAUSIBLE = (0.1, 20.0, 100.0)
 
-Named = TypeVar("Named", Camera, "pycolmap.Image")
 
-
-def cameras_of(photos: tuple[Photo, ...], path: Path, metric: bool = False) -> tuple[Camera, ...]:
+def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
     """Read the camera of each photograph from a cameras.json, a COLMAP model's folder or
     Metashape's XML.
 
-    metric: True if the poses of a COLMAP model are in metres; otherwise they are dropped, since
-    COLMAP's poses have no unit. Returns one camera for each photograph, in their order. Raises
-    HandbenchError if a photograph has no camera, or a camera of another picture size.
+    Returns the cameras in the photographs' order. A photograph that a COLMAP model lacks has none,
+    which is reported. Raises HandbenchError if another file has no camera for a photograph, if
+    fewer than three remain, or for a camera of another picture size.
     """
     if path.is_dir():
-        read = cameras_in(load_model(path, photos))
-        if not metric:
-            say(
-                f"{path}: COLMAP's camera poses have no unit, so only the intrinsics are used; if "
-                "the poses are in metres, give --metric"
-            )
-            read = tuple(camera.model_copy(update={"R": None, "t": None}) for camera in read)
+        read = cameras_in(read_model(path))
     else:
         read = (read_metashape if path.suffix.lower() == ".xml" else load_cameras)(path)
     cameras = []
     for photo in photos:
         camera = _of_photo(photo, read, path)
+        if camera is None and path.is_dir():
+            say(f"{path}: has no camera for the photograph {photo.name}, which is left out")
+            continue
         if camera is None:
             raise HandbenchError(
                 f"{path}: has no camera for the photograph {photo.name}; add one, or remove the "
                 "photograph"
             )
-        _require_size(photo, camera.colmap(), path)
-        cameras.append(camera.model_copy(update={"name": photo.name}))
-    return tuple(cameras)
-
-
-def load_model(folder: Path, photos: tuple[Photo, ...]) -> "pycolmap.Reconstruction":
-    """Load the COLMAP model (text or binary) of these photographs.
-
-    Its images are renamed after the photographs. Images without a photograph, and images that see
-    very few of the model's points, are removed and reported. Raises HandbenchError if fewer than
-    three images remain, or if a picture's size differs from that in the model.
-    """
-    model = read_model(folder)
-    if any(len(frame.data_ids) > 1 for frame in model.frames.values()):
-        raise HandbenchError(
-            f"{folder}: has rigs of several cameras; expected single cameras; export the model "
-            "again without rigs"
-        )
-    images = registered_images(model)
-    photo_of = {
-        image.name: photo for photo in photos if (image := _of_photo(photo, images, folder))
-    }
-    least = FEWEST_POINTS if model.num_points3D() else 0
-    for image in images:
-        photo = photo_of.get(image.name)
-        if photo is None or image.num_points3D < least:
-            say(
-                f"{folder}: {image.name} is not among the photographs, or sees fewer than "
-                f"{FEWEST_POINTS} points, so it is left out"
+        if (camera.width, camera.height) != (photo.width, photo.height):
+            raise HandbenchError(
+                f"{path}: the camera of {photo.name} is for {camera.width} × {camera.height} "
+                f"pixels, but the photograph has {photo.width} × {photo.height}; use cameras made "
+                "from exactly these files"
             )
-            model.deregister_frame(image.frame_id)
-        else:
-            _require_size(photo, camera_in(image), folder)
-            image.name = photo.name
-    if len(registered_images(model)) < FEWEST:
+        camera.colmap()
+        cameras.append(camera.model_copy(update={"name": photo.name}))
+    if path.is_dir() and len(cameras) < FEWEST:
         raise HandbenchError(
-            f"{folder}: has cameras for {len(registered_images(model))} of the {len(photos)} "
-            f"photographs; expected at least {FEWEST}, with the same file names"
+            f"{path}: has cameras for {len(cameras)} of the {len(photos)} photographs; expected "
+            f"at least {FEWEST}, with the same file names"
         )
-    return model
+    return tuple(cameras)
 
 
 def read_model(folder: Path) -> "pycolmap.Reconstruction":
@@ -140,15 +106,15 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
     return tuple(cameras)
 
 
-def _of_photo(photo: Photo, named: Sequence[Named], where: Path) -> Named | None:
-    """Return the camera or image of a photograph; None if there is none.
+def _of_photo(photo: Photo, cameras: tuple[Camera, ...], where: Path) -> Camera | None:
+    """Return the camera of a photograph; None if there is none.
 
     Names are compared whole, then without folders, then also without suffix. where: the file that
     the cameras are from, for messages. Raises HandbenchError if two names match.
     """
     name = photo.name
     for cut in (str, posixpath.basename, lambda path: Path(path).stem):
-        same = [one for one in named if cut(one.name) == cut(name)]
+        same = [one for one in cameras if cut(one.name) == cut(name)]
         if len(same) > 1:
             raise HandbenchError(
                 f"{where}: {' and '.join(one.name for one in same)} may both be the photograph "
@@ -157,15 +123,6 @@ def _of_photo(photo: Photo, named: Sequence[Named], where: Path) -> Named | None
         if same:
             return same[0]
     return None
-
-
-def _require_size(photo: Photo, camera: "pycolmap.Camera", where: Path) -> None:
-    if (camera.width, camera.height) != (photo.width, photo.height):
-        raise HandbenchError(
-            f"{where}: the camera of {photo.name} is for {camera.width} × {camera.height} pixels, "
-            f"but the photograph has {photo.width} × {photo.height}; use cameras made from exactly "
-            "these files"
-        )
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:

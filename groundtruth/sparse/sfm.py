@@ -7,18 +7,20 @@ seed gives the same poses.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from handbench.groundtruth.cameras.camera_files import FEWEST_POINTS
+from handbench.groundtruth.board.markers import focal_length_px
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
+from handbench.groundtruth.options import Lenses
 from handbench.groundtruth.photos.photos import FEWEST, Photo
+from handbench.groundtruth.sparse.inputs import Known
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 
 DATABASE = "database.db"
+FEWEST_POINTS = 20  # of the model, in a photograph with a known pose
 LONGEST_SIDE_PX = 3200  # features are found on photographs no larger than this
 # longer side below which photographs are doubled in size, for features: others have enough of them
 SMALL_PX = 1200
@@ -31,51 +33,6 @@ ATTEMPTS = 4  # with another seed each, while less than half of the photographs 
 CONVERGED = 1e-6  # relative fall of an adjustment's cost at which it ends; another one follows
 # least share of matches that agree with the poses; wrong poses reach a quarter
 LEAST_AGREEING = 0.5
-
-
-@dataclass(frozen=True)
-class Lenses:
-    """Knowledge of the lenses before registration.
-
-    cameras: one for each photograph, held fixed. intrinsics: fx, fy, cx, cy in pixels of the one
-    camera that took all photographs, held fixed, without distortion. focal_px: focal length of each
-    photograph by its name, used if nothing else is known.
-
-    shared: how many unknown lenses there are: one for all photographs of a size (True), one for
-    each photograph (False), or one for each camera, distinguished by EXIF data or, without them,
-    picture size (None).
-    """
-
-    cameras: tuple[Camera, ...] | None = None
-    intrinsics: tuple[float, float, float, float] | None = None
-    focal_px: dict[str, float] | None = None
-    shared: bool | None = None
-
-    @property
-    def known(self) -> bool:
-        """True if all intrinsics, distortion included, are known."""
-        return self.cameras is not None or self.intrinsics is not None
-
-    def groups(self, photos: tuple[Photo, ...]) -> list[list[str]]:
-        """Group the names of the photographs by the lens that they share."""
-        if self.cameras is not None or (self.shared is False and self.intrinsics is None):
-            return [[photo.name] for photo in photos]
-        by_body = self.shared is None and self.intrinsics is None
-        groups = defaultdict(list)
-        for photo in photos:
-            groups[(photo.body if by_body else None, photo.width, photo.height)].append(photo.name)
-        return list(groups.values())
-
-    def given(self, name: str, width: int, height: int) -> "pycolmap.Camera | None":
-        """Return the pycolmap camera with the known intrinsics of a photograph of this name and
-        size; None if the intrinsics must be estimated."""
-        if self.cameras is not None:
-            return next(camera.colmap() for camera in self.cameras if camera.name == name)
-        if self.intrinsics is None:
-            return None
-        return Camera(
-            name=name, width=width, height=height, model="PINHOLE", params=self.intrinsics
-        ).colmap()
 
 
 def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
@@ -98,59 +55,81 @@ def named_pictures(photos: tuple[Photo, ...], folder: Path) -> Path:
     return pictures
 
 
-def find_features(photos: tuple[Photo, ...], database: Path, lenses: Lenses, seed: int = 0) -> None:
-    """Detect features in all photographs, and write them and the known cameras into a new COLMAP
-    database at the path `database`. lenses: what is known of the cameras; seed: of COLMAP's random
-    numbers."""
+def import_photographs(
+    photos: tuple[Photo, ...], pictures: Path, database: Path, lenses: Lenses
+) -> None:
+    """Write the photographs, and the lenses that they share, into a new COLMAP database at the path
+    `database`. pictures: folder in which COLMAP finds them. Without EXIF data of any camera, "auto"
+    is one lens for each size of photographs."""
+    modes = pycolmap.CameraMode
+    mode = {"auto": modes.AUTO, "one": modes.SINGLE, "each": modes.PER_IMAGE}[lenses]
+    if mode == modes.AUTO and not any(_has_exif(pictures / photo.name) for photo in photos):
+        mode = modes.SINGLE
+    groups = defaultdict(list)
+    for photo in photos:
+        size = (photo.width, photo.height)
+        groups[size if mode == modes.SINGLE else None].append(photo.name)
+    pycolmap.Database.open(database).close()
+    reader = pycolmap.ImageReaderOptions(camera_model="RADIAL")
+    for names in groups.values():
+        pycolmap.import_images(database, pictures, mode, names, reader)
+
+
+def _has_exif(picture: Path) -> bool:
+    """Tell whether EXIF data name the camera and the focal length."""
+    bitmap = pycolmap.Bitmap.read(picture, as_rgb=False)
+    return bitmap is not None and bool(bitmap.exif_camera_model())
+
+
+def find_features(known: Known, database: Path, lenses: Lenses = "auto", seed: int = 0) -> bool:
+    """Detect features in all photographs, and write them and the cameras into a new COLMAP database
+    at the path `database`. seed: of COLMAP's random numbers. Returns True if known cameras or views
+    of the board give the focal lengths."""
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     pycolmap.set_random_seed(seed)
-    say(f"features of {len(photos)} photographs")
-    folder, mode = named_pictures(photos, database.parent), pycolmap.CameraMode
-    reader = pycolmap.ImageReaderOptions(camera_model="RADIAL")
-    pycolmap.Database.open(database).close()
-    for names in lenses.groups(photos):
-        # before the features, since these come in the order in which threads are done
-        pycolmap.import_images(database, folder, mode.SINGLE, names, reader)
-    # by known lenses and a board
-    octaves, held = (defaultdict(list), lenses.known and lenses.focal_px)
-    for photo in photos:
+    say(f"features of {len(known.photos)} photographs")
+    pictures = named_pictures(known.photos, database.parent)
+    # before the features, since these come in the order in which threads are done
+    import_photographs(known.photos, pictures, database, "each" if known.cameras else lenses)
+    octaves = defaultdict(list)
+    for photo in known.photos:
         # octave −1 is that of twice the size, 1 that of half of it
         side_px = max(photo.width, photo.height)
-        octaves[-1 if side_px < SMALL_PX else int(bool(held) and side_px >= LARGE_PX)].append(
-            photo.name
-        )
+        held = bool(known.cameras) and known.board is not None
+        octaves[-1 if side_px < SMALL_PX else int(held and side_px >= LARGE_PX)].append(photo.name)
     for octave, names in octaves.items():
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
         options.sift.first_octave = octave
         if octave > 0:
             options.sift.peak_threshold = FAINT
         pycolmap.extract_features(
-            database, folder, names, mode.PER_IMAGE, reader, options, device=pycolmap.Device.cpu
+            database, pictures, names, extraction_options=options, device=pycolmap.Device.cpu
         )
-    _write_cameras(database, photos, lenses)
+    return _write_cameras(database, known)
 
 
-def _write_cameras(database: Path, photos: tuple[Photo, ...], lenses: Lenses) -> None:
-    """Set the cameras in a COLMAP database to the known ones or, if unknown, set their focal length
-    to the median of the approximate focal lengths of their photographs."""
-    guess_px = lenses.focal_px or {
-        photo.name: photo.focal_px for photo in photos if photo.focal_px is not None
-    }
+def _write_cameras(database: Path, known: Known) -> bool:
+    """Set the cameras in a COLMAP database to the known ones or, if unknown, their focal lengths to
+    those that views of the board give. Returns True if all focal lengths were set."""
+    given = {camera.name: camera for camera in known.cameras}
+    complete = True
     with pycolmap.Database.open(database) as stored:
         images = stored.read_all_images()
         for camera in stored.read_all_cameras():
             names = [image.name for image in images if image.camera_id == camera.camera_id]
-            known = lenses.given(names[0], camera.width, camera.height)
-            focal_px = [guess_px[name] for name in names if name in guess_px]
-            if known is not None:
-                known.camera_id = camera.camera_id
-                camera = known
-            elif focal_px:
-                camera.params = [float(np.median(focal_px)), *camera.params[1:]]
+            size = (camera.width, camera.height)
+            views = [known.corners.get(name, {}) for name in names]
+            if given:
+                lens = given[names[0]].colmap()
+                lens.camera_id = camera.camera_id
+            elif known.board is not None and (f_px := focal_length_px(views, size, known.board)):
+                lens, camera.params = camera, [f_px, *camera.params[1:]]
             else:
+                complete = False
                 continue
-            camera.has_prior_focal_length = True
-            stored.update_camera(camera)
+            lens.has_prior_focal_length = True
+            stored.update_camera(lens)
+    return complete
 
 
 def match(database: Path, seed: int) -> None:
@@ -203,17 +182,18 @@ def scales_px(database: Path) -> dict[str, np.ndarray]:
 
 
 def structure_from_motion(
-    photos: tuple[Photo, ...], folder: Path, lenses: Lenses, seed: int = 0
+    known: Known, folder: Path, lenses: Lenses = "auto", seed: int = 0
 ) -> "pycolmap.Reconstruction":
     """Find the cameras' poses and points from photographs, as a COLMAP model in an arbitrary frame
     and scale. `folder` (empty) receives COLMAP's database.
 
-    Known lenses are held fixed, and so is a known focal length, since planar scenes do not
-    determine it. Otherwise all intrinsics but the principal point are estimated, starting from EXIF
-    focal lengths. Raises HandbenchError if fewer than three photographs can be registered.
+    lenses: how many unknown ones there are. Known lenses are held fixed, and so is a focal length
+    that the board gives, since planar scenes do not determine it. Otherwise all intrinsics but the
+    principal point are estimated, starting from EXIF focal lengths. Raises HandbenchError if fewer
+    than three photographs can be registered.
     """
-    database = folder / DATABASE
-    find_features(photos, database, lenses, seed)
+    photos, database = known.photos, folder / DATABASE
+    free_focal = not find_features(known, database, lenses, seed)
     match(database, seed)
     say("registering")
     pictures, best = named_pictures(photos, folder), pycolmap.Reconstruction()
@@ -221,11 +201,10 @@ def structure_from_motion(
         options = pipeline_options(seed + attempt)
         options.min_model_size, options.multiple_models = FEWEST, False
         options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
-        free_focal = not (lenses.known or lenses.focal_px)
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal
         options.ba_refine_extra_params = (
             options.mapper.abs_pose_refine_extra_params
-        ) = not lenses.known
+        ) = not known.cameras
         models = pycolmap.incremental_mapping(database, pictures, folder, options)
         best = max([*models.values(), best], key=lambda model: model.num_reg_images())
         count = best.num_reg_images()
@@ -241,19 +220,16 @@ def structure_from_motion(
     return best
 
 
-def triangulate_known_poses(
-    photos: tuple[Photo, ...], cameras: tuple[Camera, ...], folder: Path, seed: int = 0
-) -> "pycolmap.Reconstruction":
+def triangulate_known_poses(known: Known, folder: Path, seed: int = 0) -> "pycolmap.Reconstruction":
     """Triangulate points from photographs whose cameras and poses are known and do not change.
     Returns a COLMAP model; `folder` (empty) receives COLMAP's database.
 
-    cameras: those of the photographs, by name. Photographs that show very few of the points are
-    left out. Raises HandbenchError if the features contradict the poses, or if fewer than three
-    photographs are left.
+    Photographs that show very few of the points are left out. Raises HandbenchError if the features
+    contradict the poses, or if fewer than three photographs are left.
     """
-    pictures, database = named_pictures(photos, folder), folder / DATABASE
-    given = {camera.name: camera for camera in cameras}
-    find_features(photos, database, Lenses(cameras), seed)
+    pictures, database = named_pictures(known.photos, folder), folder / DATABASE
+    given = {camera.name: camera for camera in known.cameras}
+    find_features(known, database, seed=seed)
     model = pycolmap.Reconstruction()  # of the cameras only, with the database's ids
     with pycolmap.Database.open(database) as stored:
         for camera in stored.read_all_cameras():
@@ -278,8 +254,8 @@ def triangulate_known_poses(
     if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
             f"{pictures}: with the given poses, only {len(registered_images(model))} of "
-            f"{len(photos)} photographs see {FEWEST_POINTS} points; expected at least {FEWEST}; "
-            "take photographs with more overlap and texture"
+            f"{len(known.photos)} photographs see {FEWEST_POINTS} points; expected at least "
+            f"{FEWEST}; take photographs with more overlap and texture"
         )
     # restore the exact poses: COLMAP scales its models, and back
     for image in registered_images(model):

@@ -9,23 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.groundtruth.cameras.camera_files import cameras_in, load_model, write_model
+from handbench.groundtruth.cameras.camera_files import cameras_in, write_model
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
-from handbench.groundtruth.options import SparseOptions
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.options import Lenses, SparseOptions
+from handbench.groundtruth.photos.photos import FEWEST, Photo
 from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
 from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.frame import (
-    Scale,
-    apply,
-    board_from_model,
-    poses_from_model,
-    require_near,
-)
-from handbench.groundtruth.sparse.inputs import SparseInputs
+from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, poses_from_model
+from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sfm import (
     DATABASE,
-    Lenses,
     scales_px,
     structure_from_motion,
     triangulate_known_poses,
@@ -36,6 +29,10 @@ from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
 SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
+# median distance of the board's corners beyond which other lenses are tried, and factor by which
+# they must lower it
+SUSPICIOUS_PX = 0.5
+FAR_BETTER = 2.0
 INTRINSICS = tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
 
 
@@ -69,37 +66,65 @@ class Sparse:
         return cameras_in(self.model)
 
 
-def register(inputs: SparseInputs, options: SparseOptions) -> Sparse:
-    """Find the cameras of the photographs, or load their COLMAP model, and transform cameras and
-    points to the metric frame.
+def register(known: Known, options: SparseOptions) -> Sparse:
+    """Find the cameras of the photographs, and transform cameras and points to the metric frame.
 
-    A bundle adjustment, which includes the board's corners, improves cameras and points; given
-    poses stay unchanged. Returns the model with the covariance of its cameras. Raises
-    HandbenchError if the cameras hardly moved between photographs, if they are more than 10 km from
-    the origin, or if nothing gives a consistent scale.
+    If unknown lenses were taken to be the same and the board's corners contradict that, each
+    photograph gets its own, if that fits much better. Raises HandbenchError if the cameras hardly
+    moved between photographs, or if nothing gives a consistent scale.
+    """
+    solved = _solved(known, options.lenses, options.seed)
+    off_px = board_error_px(solved.model, known)
+    shared = len(solved.model.cameras) < len(known.photos)
+    if shared and options.lenses == "auto" and not known.cameras and off_px > SUSPICIOUS_PX:
+        apart = _solved(known, "each", options.seed)
+        apart_px = board_error_px(apart.model, known)
+        better = apart_px < off_px / FAR_BETTER
+        say(
+            f"lenses: the board's corners are {off_px:.2f} px off if photographs share lenses, and "
+            f"{apart_px:.2f} px if each has its own; the {'latter' if better else 'former'} is used"
+        )
+        return apart if better else solved
+    return solved
+
+
+def _solved(known: Known, lenses: Lenses, seed: int) -> Sparse:
+    """Register the photographs and transform them to the metric frame.
+
+    A bundle adjustment, which includes the board's corners, improves cameras and points. It does
+    not change given poses, unless a board gives the scale that they lack.
     """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
-        model = (_found if inputs.model is None else _given)(inputs, options, Path(scratch))
-        database = Path(scratch) / DATABASE
-        scales = scales_px(database) if database.exists() else {}
-    require_near(cameras_in(model))
-    warn_of_unregistered(inputs.photos, model)
+        if known.posed:
+            model = triangulate_known_poses(known, Path(scratch), seed)
+        else:
+            model = structure_from_motion(known, Path(scratch), lenses, seed)
+        scales = scales_px(Path(scratch) / DATABASE)
+    warn_of_unregistered(known.photos, model)
     check_geometry(model)
-    board = inputs.board
-    seen = (
-        inputs.corners,
-        {} if board is None else board.corners_m(),
-        _free(model, inputs, options),
-        scales,
-    )
+    board = known.board
+    free = () if known.cameras else _all_free(model)
+    seen = (known.corners, {} if board is None else board.corners_m(), free, scales)
     if board is not None:
-        scale = _to_metric_frame(model, inputs, options)
-    # given poses are not adjusted
-    if not (inputs.posed or (board is None and inputs.model is not None)):
+        scale = _to_metric_frame(model, known)
+    if not known.posed or not (known.metric or board is None):
         adjust(model, *seen)
     if board is None:
-        scale = _to_metric_frame(model, inputs, options)
+        scale = _to_metric_frame(model, known)
     return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
+
+
+def board_error_px(model: pycolmap.Reconstruction, known: Known) -> float:
+    """Return the median distance in pixels of the board's corners from where the cameras of a model
+    in the board's frame show them; 0 without a board."""
+    corners_m = {} if known.board is None else known.board.corners_m()
+    off_px = [
+        np.linalg.norm(pixel - image.project_point(corners_m[marker][k]))
+        for image in registered_images(model)
+        for (marker, k), pixel in known.corners.get(image.name, {}).items()
+        if image.project_point(corners_m[marker][k]) is not None
+    ]
+    return float(np.median(off_px or [0.0]))
 
 
 def warn_of_unregistered(
@@ -140,61 +165,26 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
         )
 
 
-def _given(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    """Load the COLMAP model that the inputs name. If it has no points, they are triangulated with
-    its cameras, which do not change. scratch: empty folder for COLMAP's database."""
-    assert inputs.model is not None
-    model = load_model(inputs.model, inputs.photos)
-    if model.num_points3D():
-        return model
-    cameras = cameras_in(model)
-    names = {camera.name for camera in cameras}
-    return triangulate_known_poses(
-        tuple(p for p in inputs.photos if p.name in names), cameras, scratch, options.seed
-    )
-
-
-def _found(inputs: SparseInputs, options: SparseOptions, scratch: Path) -> pycolmap.Reconstruction:
-    if inputs.posed and inputs.cameras is not None:
-        return triangulate_known_poses(inputs.photos, inputs.cameras, scratch, options.seed)
-    found_px, shared = inputs.focal_lengths_px(), options.shared_intrinsics
-    lenses = Lenses(inputs.cameras, options.intrinsics, found_px, shared)
-    return structure_from_motion(inputs.photos, scratch, lenses, options.seed)
-
-
-def _free(
-    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
-) -> tuple[int, ...]:
-    """Return the indices of the intrinsics to estimate among the parameters of COLMAP's lens model
-    OPENCV; empty if all intrinsics are known. The model's cameras of the lens model RADIAL are
-    converted to OPENCV, in place."""
-    if any(known is not None for known in (inputs.cameras, inputs.model, options.intrinsics)):
-        return ()
+def _all_free(model: pycolmap.Reconstruction) -> tuple[int, ...]:
+    """Convert a model's cameras from COLMAP's lens model RADIAL to OPENCV, in place. Returns the
+    indices of all parameters, which are to be estimated."""
     for camera in model.cameras.values():
-        # one focal length and radial distortion only: initial values of the other parameters
-        if camera.model_name == "RADIAL":
-            f, cx, cy, k1, k2 = camera.params
-            camera.model, camera.params = (
-                pycolmap.CameraModelId.OPENCV,
-                [f, f, cx, cy, k1, k2, 0, 0],
-            )
+        f, cx, cy, k1, k2 = camera.params
+        camera.model = pycolmap.CameraModelId.OPENCV
+        camera.params = [f, f, cx, cy, k1, k2, 0, 0]
     return INTRINSICS
 
 
-def _to_metric_frame(
-    model: pycolmap.Reconstruction, inputs: SparseInputs, options: SparseOptions
-) -> Scale:
+def _to_metric_frame(model: pycolmap.Reconstruction, known: Known) -> Scale:
     """Transform a model to the metric frame, in place, and return the source of the scale."""
-    if inputs.board is not None:
-        matrix, scale = board_from_model(model, inputs.corners, inputs.board)
-    elif inputs.model is not None and options.metric:
-        return Scale("model")
-    elif options.unscaled:
+    posed = [camera for camera in known.cameras if camera.posed and known.metric]
+    if known.board is not None:
+        matrix, scale = board_from_model(model, known.corners, known.board)
+    elif known.posed and known.metric:
+        return Scale("poses", len(posed), len(posed), 0.0)
+    elif len(posed) < FEWEST:
         return Scale("none")
-    elif inputs.posed:
-        count = len(registered_images(model))
-        return Scale("poses", count, count, 0.0)
     else:
-        matrix, scale = poses_from_model(model, inputs.cameras or ())
+        matrix, scale = poses_from_model(model, known.cameras)
     apply(model, matrix)
     return scale

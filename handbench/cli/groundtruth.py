@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
         say(f"{described}: {warning}")
     result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
-    print(json.dumps(result.summary(), indent=2))
+    print(json.dumps(result.summary, indent=2))
 
 
 def _take_over(options: argparse.Namespace) -> None:

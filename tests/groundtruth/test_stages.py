@@ -24,7 +24,6 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
     """Of paths the files' content is in the key instead, which the caller hashes."""
     other = {
         "cameras": Path("c"),
-        "model": Path("m"),
         "board": Path("b"),
         "masks": Path("m"),
         "intrinsics": (1, 1, 1, 1),
@@ -32,7 +31,7 @@ def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
         "quality": "draft",
         "dense": "cuda",
         "seed": 1,
-        "shared_intrinsics": False,
+        "lenses": "each",
     }.get(name, True)
     before, after = (
         pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"])

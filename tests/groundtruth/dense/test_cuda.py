@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+from handbench.groundtruth import pipeline
 from handbench.groundtruth.cameras.cameras import cuda_devices
 from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.options import Options
-from handbench.groundtruth.sparse import inputs
 from handbench.support.errors import HandbenchError
 from tests.groundtruth import ball
-from tests.groundtruth.room import photograph
 
 
 @pytest.mark.parametrize("content", [b"", b"3&2&1&" + bytes(23), b"2&3&1&" + bytes(24)])
@@ -38,18 +37,10 @@ def test_a_search_that_ends_its_process_is_one_line(tmp_path, monkeypatch, endin
         cuda.search(tmp_path, {"depth_min": 0.4})
 
 
-@pytest.mark.parametrize(
-    ("choice", "devices", "place"),
-    [("auto", 0, "cpu"), ("auto", 2, "cuda"), ("cpu", 2, "cpu"), ("cuda", 1, "cuda")],
-)
-def test_where_depth_maps_are_made(tmp_path, monkeypatch, choice, devices, place):
-    """Without a device CUDA is refused before the work."""
-    photograph(tmp_path, size=(160, 120))
-    monkeypatch.setattr(inputs, "cuda_devices", lambda: devices)
-    assert inputs.resolve(tmp_path, Options(unscaled=True, dense=choice))[1].dense == place
-    monkeypatch.setattr(inputs, "cuda_devices", lambda: 0)
+def test_cuda_without_a_device_is_refused_before_the_work(tmp_path, monkeypatch):
+    monkeypatch.setattr(pipeline, "cuda_devices", lambda: 0)
     with pytest.raises(HandbenchError, match="dense: CUDA"):
-        inputs.resolve(tmp_path, Options(dense="cuda"))
+        pipeline.perform(tmp_path, tmp_path, Options(dense="cuda"))
 
 
 def test_colmap_finds_the_sphere_on_a_gpu():

@@ -9,8 +9,9 @@ from handbench.cli.main import parser
 from handbench.groundtruth.cameras.cameras import save_cameras
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.groundtruth.sparse.inputs import gather, resolve
-from handbench.groundtruth.sparse.sfm import Lenses, structure_from_motion
+from handbench.groundtruth.pipeline import perform
+from handbench.groundtruth.sparse.inputs import Known, gather
+from handbench.groundtruth.sparse.sfm import structure_from_motion
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import exact_model
@@ -24,8 +25,8 @@ def options_of(*arguments):
 
 
 def test_the_commands_arguments_reach_the_options():
-    given = options_of("--model", "m", "--metric", "--box=-1,0,0,1,1,1")
-    assert given.metric and str(given.model) == "m"
+    given = options_of("--cameras", "m", "--metric", "--box=-1,0,0,1,1,1")
+    assert given.metric and str(given.cameras) == "m"
     assert given.box_m == (-1, 0, 0, 1, 1, 1)
 
 
@@ -35,10 +36,8 @@ K = (440, 440, 200, 150)
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"model": "m", "intrinsics": K}, "model, intrinsics: both are given, but"),
-        ({"metric": True}, "metric: is only for a COLMAP model"),
+        ({"cameras": "m", "intrinsics": K}, "cameras, intrinsics: both are given"),
         ({}, r"nothing gives the scale.*--unscaled"),
-        ({"model": "m"}, "nothing gives the scale.*--metric"),
         ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
         ({"unscaled": True, "box_m": (0, 0, 1, 1, 1, 0)}, "box_m"),
         ({"unscaled": True, "intrinsics": K}, r"different sizes \(320 × 240, 400 × 300\)"),
@@ -49,7 +48,7 @@ def test_what_cannot_go_together_is_refused(tmp_path, given, words):
     photograph(tmp_path)
     Image.fromarray(look(around(5)[4], size=(320, 240))).save(tmp_path / "p4.png")
     with pytest.raises(HandbenchError, match=words):
-        gather(tmp_path, resolve(tmp_path, parse(Options, given, "test"))[1])
+        perform(tmp_path / "work", tmp_path, parse(Options, given, "test"), count=1)
 
 
 def test_a_metric_model_is_enough(tmp_path):
@@ -57,9 +56,7 @@ def test_a_metric_model_is_enough(tmp_path):
     folder = tmp_path / "model"
     folder.mkdir()
     exact_model(around(4)).write_binary(folder)
-    by_model, _ = gather(tmp_path, Options(model=folder, metric=True))
-    by_poses, _ = gather(tmp_path, Options(cameras=folder, metric=True))
-    assert by_model.model == folder and by_poses.posed
+    assert gather(tmp_path, Options(cameras=folder, metric=True)).posed
     with pytest.raises(HandbenchError, match="nothing gives the scale"):
         gather(tmp_path, Options(cameras=folder))  # COLMAP's poses have no unit
 
@@ -69,7 +66,7 @@ def test_the_poses_of_three_photographs_give_the_scale(tmp_path):
     cameras = [true_camera(f"p{k}.png", centre_m) for k, centre_m in enumerate(around(4))]
     cameras[3] = cameras[3].model_copy(update={"R": None, "t": None})
     save_cameras(tmp_path / "cameras.json", tuple(cameras))
-    found, _ = gather(tmp_path, Options())
+    found = gather(tmp_path, Options())
     assert [camera.posed for camera in found.cameras] == [True] * 3 + [False]
     cameras[2] = cameras[2].model_copy(update={"R": None, "t": None})
     save_cameras(tmp_path / "cameras.json", tuple(cameras))
@@ -94,4 +91,4 @@ def test_photographs_without_overlap_end_in_a_sentence(tmp_path):
     with pytest.raises(
         HandbenchError, match="of 4 photographs could be registered; expected at least 3"
     ):
-        structure_from_motion(find_photos(tmp_path), tmp_path / "sfm", Lenses())
+        structure_from_motion(Known(find_photos(tmp_path)), tmp_path / "sfm")

@@ -1,52 +1,46 @@
-"""Groups of photographs that share a camera, and what COLMAP gets to know of it."""
+"""Groups of photographs that share a lens, and what COLMAP gets to know of it."""
 
 import numpy as np
+import pytest
 from PIL import Image
 
-from handbench.groundtruth.cameras.cameras import Camera, load_pycolmap
+from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, find_photos
-from handbench.groundtruth.sparse.sfm import Lenses, find_features, named_pictures
+from handbench.groundtruth.sparse.inputs import Known
+from handbench.groundtruth.sparse.sfm import find_features, named_pictures
 
 
 def photographs(folder, models):
+    """With EXIF data of a camera and a focal length where its model is not blank."""
     for i, model in enumerate(models):
         exif = Image.Exif()
-        exif[0x0110] = model
-        noise = np.random.default_rng(i).integers(0, 255, (120, 160), dtype=np.uint8)
+        if model.strip():
+            exif[0x010F], exif[0x0110] = "maker", model
+            exif.get_ifd(0x8769)[0xA405] = 50
+        size = (120, 160 + 10 * (model == "\t"))
+        noise = np.random.default_rng(i).integers(0, 255, size, dtype=np.uint8)
         Image.fromarray(noise).save(folder / f"p{i}.jpg", exif=exif)
     return find_photos(folder)
 
 
-def test_photographs_of_one_body_share_a_camera_whose_focal_length_is_the_median(tmp_path):
-    photos = photographs(tmp_path, "AAABB")
-    focal_px = {"p0.jpg": 180.0, "p1.jpg": 190.0, "p2.jpg": 500.0}
-    find_features(photos, tmp_path / "database.db", Lenses(focal_px=focal_px))
+@pytest.mark.parametrize(
+    ("models", "lenses", "shared"),
+    [
+        ("AAABB", "auto", [1, 1, 1, 2, 2]),
+        ("AAABB", "one", [1, 1, 1, 1, 1]),
+        ("AAABB", "each", [1, 2, 3, 4, 5]),
+        ("  \t \t", "auto", [1, 1, 2, 1, 2]),  # without EXIF data: by size
+    ],
+)
+def test_photographs_share_lenses_by_exif_or_size(tmp_path, models, lenses, shared):
+    photos = photographs(tmp_path, models)
+    assert not find_features(Known(photos), tmp_path / "database.db", lenses)
     with load_pycolmap().Database.open(tmp_path / "database.db") as content:
         images = {image.name: image for image in content.read_all_images()}
         cameras = {camera.camera_id: camera for camera in content.read_all_cameras()}
-    a, *others = (images[f"p{i}.jpg"].camera_id for i in range(5))
-    assert others[:2] == [a, a] and others[2] == others[3] != a and cameras[a].params[0] == 190.0
-    # the ids follow the names
-    assert [images[f"p{i}.jpg"].image_id for i in range(5)] == [1, 2, 3, 4, 5]
-
-
-def test_what_is_known_of_lenses_decides_who_shares_a_camera():
-    photos = tuple(
-        Photo(None, name, width, 300, body=(body,))
-        for name, width, body in zip("abcd", (400, 400, 400, 500), "xxyx", strict=True)
-    )
-    K = (440.0, 440.0, 200.0, 150.0)
-    camera = Camera(name="a", width=400, height=300, model="PINHOLE", params=K)
-    assert Lenses().groups(photos) == [["a", "b"], ["c"], ["d"]]
-    assert Lenses(shared=True).groups(photos) == [["a", "b", "c"], ["d"]]
-    assert (
-        Lenses(shared=False).groups(photos)
-        == Lenses(cameras=(camera,)).groups(photos)
-        == [[n] for n in "abcd"]
-    )
-    assert Lenses(intrinsics=K, shared=False).groups(photos) == Lenses(intrinsics=K).groups(photos)
-    assert Lenses(intrinsics=K).groups(photos) == [["a", "b", "c"], ["d"]]
-    assert not Lenses().known and Lenses(cameras=(camera,)).known and Lenses(intrinsics=K).known
+    found = [images[f"p{i}.jpg"].camera_id for i in range(5)]
+    assert found == shared
+    assert cameras[1].has_prior_focal_length == (models[0] == "A")
 
 
 def test_colmap_finds_photographs_of_other_names_and_tones_under_their_names(tmp_path):

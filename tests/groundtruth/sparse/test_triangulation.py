@@ -18,8 +18,8 @@ VIEWS = 4
 
 
 def solved(folder, **options):
-    inputs, chosen = gather(folder, SparseOptions(**options))
-    return register(inputs, chosen)
+    chosen = SparseOptions(**options)
+    return register(gather(folder, chosen), chosen)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +65,8 @@ def test_a_model_without_points_is_completed(found, photos):
     (photos / "model").mkdir()
     whole.write_binary(photos / "model")
     assert not read_model(photos / "model").num_points3D()
-    completed = solved(photos, model=photos / "model", metric=True)
-    assert completed.scale.source == "model" and completed.model.num_points3D() > 1000
+    completed = solved(photos, cameras=photos / "model", metric=True)
+    assert completed.scale.source == "poses" and completed.model.num_points3D() > 1000
     given = {camera.name: camera for camera in load_cameras(photos / "cameras.json")}
     for image in registered_images(completed.model):
         np.testing.assert_allclose(
