@@ -112,8 +112,8 @@ def board_warnings(
     photos: Sequence[Photo], board: Board, cameras: Sequence[Camera] = ()
 ) -> Iterator[str]:
     """Check that a board is in metres: the first photograph that shows it was taken from a
-    plausible distance. cameras: give the focal length; without them, the one stored in the
-    photograph is used."""
+    plausible distance. cameras: give the focal length; without them, the
+    view of the board does."""
     from handbench.groundtruth.board.markers import detect_corners, focal_length_px  # with cv2
 
     corners_m = board.corners_m()
@@ -122,9 +122,7 @@ def board_warnings(
         if len(seen) < FEWEST_SEEN:
             continue
         size = (photo.width, photo.height)
-        focal_px = (
-            camera.params[0] if camera else photo.focal_px or focal_length_px([seen], size, board)
-        )
+        focal_px = camera.params[0] if camera else focal_length_px([seen], size, board)
         board_m = np.linalg.norm(np.std([corners_m[id][k] for id, k in seen], axis=0))
         board_px = np.linalg.norm(np.std([*seen.values()], axis=0))
         distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / board_px)

@@ -4,12 +4,8 @@ Pixels are used as the sensor stored them, without the rotation in EXIF data, as
 photographs of a sensor share intrinsics, and a rotated camera has only another pose.
 """
 
-import math
-import struct
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -19,97 +15,26 @@ from handbench.support.files import content_hash, one_form, require_folder
 from handbench.support.pictures import PLAIN, RAW, SUFFIXES, is_deep, open_picture
 from handbench.support.progress import say, track
 
-IFD = 0x8769
-MAKE, MODEL = 0x010F, 0x0110
-SERIAL_NUMBER, FOCAL_LENGTH, FOCAL_LENGTH_35MM = 0xA431, 0x920A, 0xA405
-FOCAL_PLANE_RESOLUTION, FOCAL_PLANE_UNIT, PIXELS_ACROSS = 0xA20E, 0xA210, 0xA002
-UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0}
-DIAGONAL_35MM = math.hypot(36, 24)
-PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 FEWEST = 3
 DARK, BRIGHT = 0.01, 0.99  # quantiles of a photograph's tones that stretching makes black and white
 LEAST_CONTRAST = 0.4  # between them; a photograph with less is stretched
 STEP = 1 / 255  # between two tones of 8 bits
 SAMPLED = 7  # of so many pixels, one is enough for the quantiles
 QUALITY_PX = 1000  # longer side at which sharpness is measured
-BLURRED = (
-    0.6  # sharpness against the median's; sharp photographs of one scene are within 0.9 to 1.1
-)
-
-Exif = dict[int, Any]  # tag → value
-
-
-def read_exif(path: Path) -> Exif:
-    """Read the EXIF data of a picture file, as a dict from tag number to value; empty if the data
-    are missing or broken."""
-    try:
-        with open_picture(path) as image:
-            exif = image.getexif()
-            return {**exif, **exif.get_ifd(IFD)}
-    except (HandbenchError, TypeError, KeyError, struct.error):
-        return {}
-
-
-def body_of(exif: Exif, size: tuple[int, int]) -> tuple[str, ...] | None:
-    """Return texts that identify the camera, its focal length and the picture's size; they are
-    equal for photographs taken with the same lens setting. None if EXIF data do not name the
-    camera."""
-    if MODEL not in exif:
-        return None
-    return tuple(str(exif.get(tag)) for tag in (MAKE, MODEL, SERIAL_NUMBER, FOCAL_LENGTH)) + (
-        str(size),
-    )
-
-
-def focal_length_px(exif: Exif, width: int, height: int) -> float | None:
-    """Compute the focal length in pixels from EXIF data.
-
-    Its equivalent on 35 mm film is converted by the ratio of diagonals (as COLMAP does); if that is
-    missing, the focal length in millimetres by the sensor's pixels per millimetre (which COLMAP
-    ignores). Returns None if EXIF data have neither, or an implausible value.
-    """
-    equivalent_mm = _number(exif, FOCAL_LENGTH_35MM)
-    if equivalent_mm > 0:
-        focal_px = equivalent_mm / DIAGONAL_35MM * math.hypot(width, height)
-    else:
-        unit_mm = UNIT_MM.get(int(_number(exif, FOCAL_PLANE_UNIT)), UNIT_MM[2])
-        shrunk = max(width, height) / (_number(exif, PIXELS_ACROSS) or max(width, height))
-        focal_px = (
-            _number(exif, FOCAL_LENGTH) * _number(exif, FOCAL_PLANE_RESOLUTION) / unit_mm * shrunk
-        )
-    return focal_px if is_plausible(focal_px, width, height) else None
-
-
-def is_plausible(focal_px: float, width: int, height: int) -> bool:
-    """Tell whether a focal length in pixels is plausible for a picture of this size."""
-    low, high = (share * max(width, height) for share in PLAUSIBLE)
-    return low < focal_px < high
-
-
-def _number(exif: Exif, tag: int) -> float:
-    """Return the value of an EXIF tag as a number; 0 if it is missing or not a finite number."""
-    try:
-        value = float(exif.get(tag, 0))
-    except (TypeError, ValueError, ZeroDivisionError):
-        return 0.0
-    return value if math.isfinite(value) else 0.0
+BLURRED = 0.6  # sharpness against the median's; sharp photographs are within 0.9 to 1.1
 
 
 @dataclass(frozen=True)
 class Photo:
     """One photograph: its file, name, size in pixels as stored, and tones.
 
-    tones: gray values in the file, 0 … 1, that are black and white in the reconstruction. body:
-    texts that are equal for photographs of the same camera at the same focal length (None: not in
-    EXIF data). focal_px: approximate focal length in pixels (None: not in EXIF data).
+    tones: gray values in the file, 0 … 1, that are black and white in the reconstruction.
     """
 
     path: Path
     name: str
     width: int
     height: int
-    body: tuple[str, ...] | None = None
-    focal_px: float | None = None
     tones: tuple[float, float] = (0.0, 1.0)
 
     @property
@@ -144,12 +69,6 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
     """
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
-    twice = [name for name, count in Counter(one_form(p.name) for p in paths).items() if count > 1]
-    if twice:
-        raise HandbenchError(
-            f"{folder}: two photographs are called {twice[0]}, with accents written in two ways; "
-            "rename one of them"
-        )
     if len(paths) < FEWEST:
         raise HandbenchError(
             f"{folder}: found only {len(paths)} photographs ({', '.join(SUFFIXES)}) in it and in "
@@ -163,8 +82,23 @@ def read_gray(path: Path) -> np.ndarray:
 
     The picture may be gray, in colours, with a palette or CMYK, with 8 or 16 bits a channel.
     """
+    import cv2
+
     with open_picture(path) as image:
-        return _gray(image, path)
+        if image.mode in ("I", "F"):
+            raise HandbenchError(
+                f"{path}: has 32 bits per pixel; save it with 8 or 16 bits per channel"
+            )
+        if not is_deep(image):
+            gray: np.ndarray = np.array(image.convert("L"), dtype=np.float32)
+            gray /= 255  # in place: a large picture has no room for two
+            return gray
+        image.load()  # complains of a truncated file, where OpenCV fills up
+        deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
+        if deep is None:
+            raise ValueError("OpenCV cannot read its 16-bit channels")
+    deep = deep.astype(np.float32) / 65535
+    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
 def read_alpha(path: Path) -> np.ndarray | None:
@@ -174,25 +108,6 @@ def read_alpha(path: Path) -> np.ndarray | None:
         if not image.has_transparency_data:
             return None
         return np.asarray(image.convert("RGBA").getchannel("A")) > 0
-
-
-def _gray(image: Image.Image, path: Path) -> np.ndarray:
-    import cv2
-
-    if image.mode in ("I", "F"):
-        raise HandbenchError(
-            f"{path}: has 32 bits per pixel; save it with 8 or 16 bits per channel"
-        )
-    if not is_deep(image):
-        gray: np.ndarray = np.array(image.convert("L"), dtype=np.float32)
-        gray /= 255  # in place: a large picture has no room for two
-        return gray
-    image.load()  # complains of a truncated file, where OpenCV fills up
-    deep = cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
-    if deep is None:
-        raise ValueError("OpenCV cannot read its 16-bit channels")
-    deep = deep.astype(np.float32) / 65535
-    return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
 def _pictures(folder: Path) -> list[Path]:
@@ -210,20 +125,12 @@ def _open(path: Path) -> Photo:
     gray, opaque = read_gray(path), read_alpha(path)
     height, width = gray.shape
     seen = gray.ravel() if opaque is None else gray[opaque]
-    tones, exif = (0.0, 1.0), read_exif(path)
+    tones = (0.0, 1.0)
     if seen.size:
         black, white = np.quantile(seen[::SAMPLED], (DARK, BRIGHT)).tolist()
         if white - black < LEAST_CONTRAST:
             tones = (black, max(white, black + STEP))
-    return Photo(
-        path,
-        one_form(path.name),
-        width,
-        height,
-        body_of(exif, (width, height)),
-        focal_length_px(exif, width, height),
-        tones,
-    )
+    return Photo(path, one_form(path.name), width, height, tones)
 
 
 def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:

@@ -90,9 +90,6 @@ def test_names_of_photographs_have_one_readable_form(tmp_path):
     photos = find_photos(photographs(tmp_path / "p", names))
     assert [photo.name for photo in photos] == [f"{COMPOSED}.png", "b.png", "m\\xfcller.png"]
     assert all(photo.path.is_file() for photo in photos)
-    folder = photographs(tmp_path / "twice", [f"{TAKEN_APART}.png", f"{COMPOSED}.png", "c.png"])
-    with pytest.raises(HandbenchError, match="two photographs are called"):
-        find_photos(folder)
 
 
 @pytest.mark.parametrize("stored", [COMPOSED, TAKEN_APART])
