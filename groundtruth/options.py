@@ -1,7 +1,7 @@
 """Options of the command `handbench groundtruth`, which reconstructs a mesh from photographs."""
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
@@ -89,12 +89,3 @@ class DenseOptions(Region):
 class Options(SparseOptions, DenseOptions):
     """Options of a whole reconstruction: the union of its three stages' options, of which each
     stage receives only its own."""
-
-    def part(self, kind: type[Config], paths: bool = True) -> dict[str, Any]:
-        """Return the options of one stage as plain values by name. kind: the stage's class of
-        options. paths: False leaves out files and folders, for cache keys that have the hash of
-        their content instead."""
-        wanted = {
-            name for name in kind.model_fields if paths or not isinstance(getattr(self, name), Path)
-        }
-        return self.model_dump(mode="json", include=wanted)

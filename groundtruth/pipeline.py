@@ -1,30 +1,161 @@
-"""Reconstruction of a metric mesh from photographs, in three stages whose results are cached."""
+"""Reconstruction of a metric mesh from photographs, in three stages whose results are cached: from
+photographs to cameras in the metric frame, by depth maps to a cloud of points, and to a surface
+with uncertainty."""
 
 import tempfile
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
 from handbench.groundtruth.cameras.camera_files import write_model
-from handbench.groundtruth.cameras.cameras import cuda_devices
-from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.dense_stage import CLOUD, VOLUME
+from handbench.groundtruth.cameras.cameras import Camera, cuda_devices, registered_images
+from handbench.groundtruth.dense import cuda
+from handbench.groundtruth.dense.dense import depth_maps, open_views
+from handbench.groundtruth.dense.fusion import Cloud, fuse
+from handbench.groundtruth.dense.kernels import announce
+from handbench.groundtruth.dense.volume import (
+    Plane,
+    Volume,
+    board_plane,
+    narrow_volume,
+    volume,
+    warn_of_cuts,
+)
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
+from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.mesh_stage import MESH, TARGET
-from handbench.groundtruth.options import DenseOptions, Options, Region, SparseOptions
+from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_board
+from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
+from handbench.groundtruth.options import DenseOptions, Effort, Options, Region, SparseOptions
 from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import find_photos
-from handbench.groundtruth.sparse.inputs import files_given
-from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.support.config import Config
+from handbench.groundtruth.sparse.inputs import files_given, gather
+from handbench.groundtruth.sparse.sparse import Sparse, register
+from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, read_json, write_json
+from handbench.support.pictures import open_picture
 from handbench.support.progress import counted, say
-from handbench.support.store import Input, Stage, cached
+from handbench.support.store import Input, Stage, cached, stage
+
+CLOUD, VOLUME = "cloud.npz", "volume.json"
+MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
+SOURCES = ("groundtruth", "calibration/transforms.py")
+FILES = {"cameras", "board", "masks"}  # options whose content is in a stage's key
+COARSER = 4  # factor on the pixel size of the depth maps that locate the target
+COARSEST_PX = 64  # rows of a picture that still show it
+
+
+@stage("sparse", *SOURCES)
+def find_cameras(folder: Path, photos: str, options: dict[str, Any]) -> None:
+    """Run the sparse stage: find the cameras of the photographs in the folder `photos`.
+
+    COLMAP model, scale and covariance are written into `folder`. options: fields of SparseOptions.
+    Raises HandbenchError, before the work starts, for inputs that cannot be reconstructed.
+    """
+    chosen = parse(SparseOptions, options, "groundtruth")
+    register(gather(Path(photos), chosen), chosen).save(folder)
+
+
+@stage("dense", *SOURCES)
+def fuse_points(folder: Path, photos: str, options: dict[str, Any], sparse: str) -> None:
+    """Run the dense stage: compute the depth maps of the photographs that the sparse stage
+    registered, and fuse them to a cloud of points.
+
+    The cloud (cloud.npz) and the reconstructed box (volume.json) are written into `folder`. photos:
+    folder of the photographs. options: fields of DenseOptions. sparse: folder that the sparse stage
+    wrote.
+    """
+    chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
+    plane = board_plane(Path(photos), chosen.board, solved)
+    bounds = volume(chosen.box_m, plane, solved)
+    if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
+        coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
+        cloud = fused(Path(photos), solved, chosen, bounds.box(), coarse)
+        bounds = narrow_volume(bounds, cloud, plane)
+    say(bounds.describe())
+    cloud = clean(fused(Path(photos), solved, chosen, bounds.box(), chosen.effort))
+    warn_of_cuts(bounds, cloud, plane)
+    cloud.save(folder / CLOUD)
+    write_json(folder / VOLUME, vars(bounds))
+
+
+@stage("mesh", *SOURCES)
+def make_mesh(folder: Path, photos: str, options: dict[str, Any], sparse: str, dense: str) -> None:
+    """Run the mesh stage: reconstruct the surface of the dense stage's cloud.
+
+    Three files are written into `folder`: the surface (mesh.ply), the description of its kept and
+    removed parts (target.json), and a photograph cropped to the reconstructed box (view.jpg).
+    photos: folder of the photographs. options: fields of Region. sparse, dense: folders that
+    the sparse and the dense stage wrote.
+    """
+    chosen, solved = parse(Region, options, "groundtruth"), Sparse.load(Path(sparse))
+    box_m = Volume(**read_json(Path(dense) / VOLUME, "the volume of a dense stage")).box()
+    plane = board_plane(Path(photos), chosen.board, solved)
+    cloud = Cloud.load(Path(dense) / CLOUD)
+    made, target = measured_surface(cloud, solved, plane, box_m)
+    made.save(folder / MESH)
+    write_json(folder / TARGET, vars(target))
+    _write_view(Path(photos), solved.cameras()[0], box_m, folder / VIEW)
+
+
+def coarser(shrink: int, cameras: tuple[Camera, ...]) -> int:
+    """Return the divisor of the resolution at which the target is located: four times `shrink`, but
+    less for small photographs, of which at least 64 rows remain where `shrink` leaves as many."""
+    rows = min(min(camera.width, camera.height) for camera in cameras)
+    return max(shrink, min(COARSER * shrink, rows // COARSEST_PX))
+
+
+def fused(
+    photos: Path, sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None, effort: Effort
+) -> Cloud:
+    """Compute the depth maps of registered photographs and fuse them to a cloud. photos: their
+    folder. effort: resolution and number of iterations. box_m [2, 3]: region of interest in the
+    mesh's frame (None: everything)."""
+    names = {camera.name for camera in sparse.cameras()}
+    registered = tuple(photo for photo in find_photos(photos) if photo.name in names)
+    views, sources = open_views(registered, sparse.model, effort.shrink, box_m, options.masks)
+    announce()
+    if options.dense == "cuda":
+        return fuse(cuda.depth_maps(views, sources, options.quality))
+    return fuse(depth_maps(views, sources, effort.iterations, options.seed))
+
+
+def measured_surface(
+    cloud: Cloud, sparse: Sparse, plane: Plane | None, box_m: np.ndarray | None
+) -> tuple[Surface, TargetParts]:
+    """Reconstruct the surface of a cloud, keep the target's parts, and compute the standard
+    deviation of each vertex.
+
+    plane: of the board, whose points are removed (None: no board). box_m [2, 3]: the surface
+    outside is removed. Returns the surface, and a description of the kept and removed parts.
+    """
+    cloud = cloud if plane is None else remove_board(cloud, plane)
+    mesh = surface(cloud, box_m)
+    target = keep_target(mesh, plane, cloud.pixel_m)
+    vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    sigma_m, observed = surface_sigma(
+        cloud, vertices_m, registered_images(sparse.model), sparse.known
+    )
+    sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
+    return Surface(vertices_m, faces, sigma_m, observed), target
+
+
+def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
+    """Write the photograph of one camera to `file` as JPEG, cropped to the part that shows the box
+    [2, 3] in the photo frame (None: not cropped). photos: folder of the photographs."""
+    path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)
+    with open_picture(path) as image:
+        if box_m is not None:
+            corners = camera.project(np.array(list(product(*box_m.T))))
+            left, top = np.maximum(corners.min(axis=0), 0)
+            right, bottom = np.minimum(corners.max(axis=0), image.size)
+            if right - left >= 1 and bottom - top >= 1:
+                image = image.crop((left, top, right, bottom))
+        image.convert("RGB").save(file, quality=90)
 
 
 class Reconstruction(NamedTuple):
@@ -56,17 +187,18 @@ def stages(
     """
 
     def of(kind: type[Config], photographs: Any, **made: Stage) -> dict[str, Any]:
+        values = options.model_dump(mode="json", include=set(kind.model_fields))
         return {
             "photos": Input(str(photos), photographs),
-            "options": Input(options.part(kind), options.part(kind, paths=False)),
+            "options": Input(values, {key: values[key] for key in values if key not in FILES}),
             **{name: stage.output(root) for name, stage in made.items()},
         }
 
-    sparse = Stage(sparse_stage.make, of(SparseOptions, content), capture, shares=True)
+    sparse = Stage(find_cameras, of(SparseOptions, content), capture, shares=True)
     of_dense = of(DenseOptions, masks, sparse=sparse)
-    dense = Stage(dense_stage.make, of_dense, capture, shares=True)
+    dense = Stage(fuse_points, of_dense, capture, shares=True)
     of_mesh = of(Region, None, sparse=sparse, dense=dense)
-    return sparse, dense, Stage(mesh_stage.make, of_mesh, capture, shares=True)
+    return sparse, dense, Stage(make_mesh, of_mesh, capture, shares=True)
 
 
 def reconstruct(
@@ -98,7 +230,7 @@ def reconstruct(
             "triangles": len(surface.faces),
             "observed": float(surface.observed.mean()),
             "sigma_m": float(np.median(surface.sigma_m[surface.observed])),
-            "seconds": {stage: round(time_s, 2) for stage, time_s in seconds.items()},
+            "seconds": {name: round(time_s, 2) for name, time_s in seconds.items()},
         }
         if workdir is not None:
             workdir = Path(workdir)
@@ -143,11 +275,11 @@ def perform(
     folders, seconds = [], {}
     chain = stages(root, photos, options, content, masks)[:count]
     with counted(len(chain)) as work:
-        for stage in chain:
-            with work.part(stage.name):
-                stamp, finished = cached(root, stage)
+        for each in chain:
+            with work.part(each.name):
+                stamp, finished = cached(root, each)
             if finished:
-                say(f"{stage.name}: cached")
-            folders.append(stage.folder(root))
-            seconds[stage.name] = stamp.seconds
+                say(f"{each.name}: cached")
+            folders.append(each.folder(root))
+            seconds[each.name] = stamp.seconds
     return folders, seconds

@@ -35,9 +35,8 @@ from handbench.bench.validation.capture_warnings import inspect_capture
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
-from handbench.groundtruth.dense_stage import CLOUD
-from handbench.groundtruth.mesh_stage import MESH
 from handbench.groundtruth.options import Quality
+from handbench.groundtruth.pipeline import CLOUD, MESH
 from handbench.radar.imaging.device import current_device
 from handbench.radar.methods.registry import method_key
 from handbench.radar.warmup import announce

@@ -34,7 +34,7 @@ from handbench.bench.stages.reconstruct import (
     read_times,
 )
 from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
-from handbench.groundtruth.mesh_stage import VIEW
+from handbench.groundtruth.pipeline import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import machine

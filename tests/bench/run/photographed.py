@@ -22,7 +22,7 @@ from handbench.bench.run import engine, runner
 from handbench.bench.stages import calibrate as calibration
 from handbench.bench.stages import reconstruct
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth import dense_stage, mesh_stage, sparse_stage
+from handbench.groundtruth import pipeline
 from handbench.support.store import DECLARED
 
 bench, out, last = Path(sys.argv[1]), sys.argv[2], sys.argv[3]
@@ -33,12 +33,12 @@ def sparse(folder, photos, options):
 
 def dense(folder, photos, options, sparse):
     assert (Path(sparse) / "images.txt").is_file()
-    (folder / dense_stage.CLOUD).write_text("points")
+    (folder / pipeline.CLOUD).write_text("points")
 
 def mesh(folder, photos, options, sparse, dense):
-    assert (Path(dense) / dense_stage.CLOUD).is_file()
-    shutil.copyfile(bench.parent / "recorded" / "truth.ply", folder / mesh_stage.MESH)
-    shutil.copyfile(next(Path(photos).iterdir()), folder / mesh_stage.VIEW)
+    assert (Path(dense) / pipeline.CLOUD).is_file()
+    shutil.copyfile(bench.parent / "recorded" / "truth.ply", folder / pipeline.MESH)
+    shutil.copyfile(next(Path(photos).iterdir()), folder / pipeline.VIEW)
 
 def calibrate(folder, captures, clouds):
     assert all(Path(cloud).is_file() for cloud in clouds)
@@ -46,9 +46,9 @@ def calibrate(folder, captures, clouds):
     found.save(folder / calibration.REGISTRATION)
 
 for place, name, function in (
-    (sparse_stage, "make", sparse),
-    (dense_stage, "make", dense),
-    (mesh_stage, "make", mesh),
+    (pipeline, "find_cameras", sparse),
+    (pipeline, "fuse_points", dense),
+    (pipeline, "make_mesh", mesh),
     (runner, "calibrate", calibrate),
 ):
     DECLARED[function] = DECLARED[getattr(place, name)]  # whose code is the stage's

@@ -14,7 +14,7 @@ from handbench.groundtruth.dense.volume import (
     volume,
     warn_of_cuts,
 )
-from handbench.groundtruth.dense_stage import coarser
+from handbench.groundtruth.pipeline import coarser
 from handbench.groundtruth.sparse.frame import Scale
 from tests.groundtruth.mesh.test_mesh import cloud_of
 
