@@ -62,13 +62,6 @@ class View:
         1."""
         return _rays(self.K, *self.gray.shape)
 
-    def to(self, source: "View") -> tuple[np.ndarray, np.ndarray]:
-        """Compute the map from this view to another: pixel x = [column, row, 1] at inverse depth ω
-        (1/m) appears in `source` at A x + b ω, in homogeneous coordinates. Returns A [3, 3] and b
-        [3]."""
-        R = source.R @ self.R.T
-        return source.K @ R @ np.linalg.inv(self.K), source.K @ (source.t - R @ self.t)
-
 
 class Stereo(NamedTuple):
     """A reference picture [h, w] and the pictures [s, H, W] of the s source views that it is
@@ -94,9 +87,9 @@ class Stereo(NamedTuple):
         sources = np.zeros((len(others), *sizes.max(axis=0)), dtype=np.float32)
         for padded, other in zip(sources, others, strict=True):
             padded[: other.gray.shape[0], : other.gray.shape[1]] = other.gray
-        A, b = (
-            np.stack(parts) for parts in zip(*(view.to(other) for other in others), strict=True)
-        )
+        turns = [other.R @ view.R.T for other in others]
+        A = np.stack([o.K @ R for o, R in zip(others, turns, strict=True)]) @ np.linalg.inv(view.K)
+        b = np.stack([o.K @ (o.t - R @ view.t) for o, R in zip(others, turns, strict=True)])
         h, w = view.gray.shape
         # in the middle of view and depths
         q = A @ [w / 2, h / 2, 1] + b * np.nanmean(2 / (view.near_m + view.far_m))
@@ -146,11 +139,9 @@ def open_view(
             crossings_m = (box_m[:, None, None] + R.T @ t) / (rays @ R)
         near_m, far_m = crossings_m.min(axis=0).max(axis=-1), crossings_m.max(axis=0).min(axis=-1)
         near_m = np.maximum(near_m, depth_range_m[0] / 4)  # for a camera inside the box
-    beyond = ((pixels < 0) | (pixels > np.subtract(size, 1))).any(axis=1).reshape(height, width)
-    outside = beyond | ~(near_m < far_m)
-    if mask is not None:
-        shown = mask[shrink // 2 :: shrink, shrink // 2 :: shrink].astype(np.uint8)
-        outside |= cv2.remap(shown, columns, rows, cv2.INTER_NEAREST) == 0
+    shown = np.ones((photo.height, photo.width)) if mask is None else mask
+    shown = shown[shrink // 2 :: shrink, shrink // 2 :: shrink].astype(np.uint8)
+    outside = (cv2.remap(shown, columns, rows, cv2.INTER_NEAREST) == 0) | ~(near_m < far_m)
     near_m[outside] = far_m[outside] = np.nan
     if outside.all():
         return None
