@@ -75,7 +75,7 @@ def fuse_points(folder: Path, photos: str, options: dict[str, Any], sparse: str)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
         cloud = fused(Path(photos), solved, chosen, bounds.box(), coarse)
-        bounds = narrow_volume(bounds, cloud, plane)
+        bounds = narrow_volume(bounds, cloud, plane, solved)
     say(bounds.describe())
     cloud = clean(fused(Path(photos), solved, chosen, bounds.box(), chosen.effort))
     warn_of_cuts(bounds, cloud, plane)

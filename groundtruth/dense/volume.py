@@ -24,7 +24,7 @@ FEWEST_VIEWS = 3  # of a sparse point
 BETWEEN = (0.005, 0.995)  # quantiles of the points along each axis
 # of the points' diagonal, on each side: smooth skin has few features (a fingertip's was 47 mm off)
 ROOM = 0.5
-ROOM_OF_MAPS = 0.1  # the same of a cloud from coarse depth maps
+ROOM_OF_MAPS = 0.15  # the same where coarse depth maps show the skin
 AT_SIDE = 0.01  # distance from a side of the box, relative to its size
 CUT = 0.002  # share of the points there that indicates a cut
 
@@ -105,17 +105,23 @@ def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse)
     around the sparse points of the target, or one without limits if there are few points."""
     if given is not None:
         return Volume(given, "given")
+    features_m = _features_m(sparse, plane)
+    return _around([features_m], ROOM, "sparse points") or Volume(None, "everything")
+
+
+def narrow_volume(found: Volume, cloud: Cloud, plane: Plane | None, sparse: Sparse) -> Volume:
+    """Narrow a volume that was found automatically to the target's points, both of `cloud`, which
+    was fused from depth maps of low resolution without the thinnest fingers, and sparse ones. It is
+    unchanged if either are too few."""
+    both_m = [_of_target(cloud.points_m, plane), _features_m(sparse, plane)]
+    return _around(both_m, ROOM_OF_MAPS, "sparse points and coarse depth maps") or found
+
+
+def _features_m(sparse: Sparse, plane: Plane | None) -> np.ndarray:
+    """Return the sparse points [n, 3] of the target that at least three photographs show."""
     points = sparse.model.points3D.values()
     shown_m = [point.xyz for point in points if point.track.length() >= FEWEST_VIEWS]
-    targets_m = _of_target(np.reshape(shown_m, (-1, 3)), plane)
-    return _around(targets_m, ROOM, "sparse points") or Volume(None, "everything")
-
-
-def narrow_volume(found: Volume, cloud: Cloud, plane: Plane | None) -> Volume:
-    """Narrow a volume that was found automatically to the target's points in `cloud`, which was
-    fused from depth maps of low resolution. It is unchanged if these are too few."""
-    targets_m = _of_target(cloud.points_m, plane)
-    return _around(targets_m, ROOM_OF_MAPS, "coarse depth maps") or found
+    return _of_target(np.reshape(shown_m, (-1, 3)), plane)
 
 
 def _of_target(points_m: np.ndarray, plane: Plane | None) -> np.ndarray:
@@ -126,12 +132,13 @@ def _of_target(points_m: np.ndarray, plane: Plane | None) -> np.ndarray:
     return points_m[above & (np.linalg.norm(points_m - plane.origin_m, axis=1) < plane.reach_m)]
 
 
-def _around(points_m: np.ndarray, room: float, source: str) -> Volume | None:
-    """Make a volume around points [n, 3] without their extremes; None if they are too few. room:
-    margin on each side, relative to the points' diagonal. source: what the points are from."""
-    if len(points_m) < FEWEST_POINTS:
+def _around(sets_m: list[np.ndarray], room: float, source: str) -> Volume | None:
+    """Make a volume around sets of points [n, 3] without each one's extremes; None if one is too
+    small. room: margin on each side, relative to the diagonal. source: what the points are from."""
+    if min(map(len, sets_m)) < FEWEST_POINTS:
         return None
-    low, high = np.quantile(points_m, BETWEEN, axis=0)
+    ends_m = np.concatenate([np.quantile(points_m, BETWEEN, axis=0) for points_m in sets_m])
+    low, high = ends_m.min(axis=0), ends_m.max(axis=0)
     room_m = room * np.linalg.norm(high - low)
     return Volume(tuple(np.round([*(low - room_m), *(high + room_m)], 6).tolist()), source)
 

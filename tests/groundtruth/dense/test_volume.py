@@ -59,17 +59,20 @@ def features(on_hand=200):
 def test_points_and_coarse_depth_maps_narrow_the_volume_to_the_hand():
     """Points on the hand and on the board, and few wrong ones, which widen nothing; without the
     hand's, no change."""
-    random, found = np.random.default_rng(1), volume(None, PLANE, solved(features()))
+    random, sparse = np.random.default_rng(1), solved(features())
+    found = volume(None, PLANE, sparse)
     assert np.prod(np.ptp(found.box(), axis=0)) < 40 * np.prod(np.ptp(HAND_M, axis=0))
     board_m = random.uniform((-0.15, -0.1, -2e-4), (0.15, 0.1, 2e-4), (20_000, 3))
     points_m = np.concatenate(
         [board_m, random.uniform(*HAND_M, (20_000, 3)), [(0.14, 0.09, 0.2)] * 3]
     )
     cloud = replace(cloud_of(points_m, np.zeros_like(points_m)), pixel_m=1e-3)
-    box_m = narrow_volume(found, cloud, PLANE).box()
+    box_m = narrow_volume(found, cloud, PLANE, sparse).box()
     assert (box_m[0] < HAND_M[0]).all() and (box_m[1] > HAND_M[1]).all()
     assert np.prod(np.ptp(box_m, axis=0)) < 0.4 * np.prod(np.ptp(found.box(), axis=0))
-    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE) == found
+    assert narrow_volume(found, cloud.at(np.arange(20_000)), PLANE, sparse) == found
+    half = cloud.at(points_m[:, 1] < 0)  # without the fingers
+    assert narrow_volume(found, half, PLANE, sparse).box()[1, 1] > HAND_M[1, 1]
 
 
 def test_a_box_that_cuts_the_target_is_reported(capsys):
