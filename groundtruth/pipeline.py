@@ -24,8 +24,8 @@ from handbench.groundtruth.dense.volume import (
     volume,
     warn_of_cuts,
 )
+from handbench.groundtruth.mesh import poisson
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
-from handbench.groundtruth.mesh.poisson import clean, surface
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_board
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
@@ -74,10 +74,10 @@ def fuse_points(folder: Path, photos: str, options: dict[str, Any], sparse: str)
     bounds = volume(chosen.box_m, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
-        cloud = fused(Path(photos), solved, chosen, bounds.box(), coarse)
+        cloud = _fused(Path(photos), solved, chosen, bounds.box(), coarse)
         bounds = narrow_volume(bounds, cloud, plane, solved)
     say(bounds.describe())
-    cloud = clean(fused(Path(photos), solved, chosen, bounds.box(), chosen.effort))
+    cloud = poisson.clean(_fused(Path(photos), solved, chosen, bounds.box(), chosen.effort))
     warn_of_cuts(bounds, cloud, plane)
     cloud.save(folder / CLOUD)
     write_json(folder / VOLUME, vars(bounds))
@@ -109,7 +109,7 @@ def coarser(shrink: int, cameras: tuple[Camera, ...]) -> int:
     return max(shrink, min(COARSER * shrink, rows // COARSEST_PX))
 
 
-def fused(
+def _fused(
     photos: Path, sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None, effort: Effort
 ) -> Cloud:
     """Compute the depth maps of registered photographs and fuse them to a cloud. photos: their
@@ -134,7 +134,7 @@ def measured_surface(
     outside is removed. Returns the surface, and a description of the kept and removed parts.
     """
     cloud = cloud if plane is None else remove_board(cloud, plane)
-    mesh = surface(cloud, box_m)
+    mesh = poisson.surface(cloud, box_m)
     target = keep_target(mesh, plane, cloud.pixel_m)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(

@@ -73,19 +73,18 @@ def register(known: Known, options: SparseOptions) -> Sparse:
     photograph gets its own, if that fits much better. Raises HandbenchError if the cameras hardly
     moved between photographs, or if nothing gives a consistent scale.
     """
-    solved = _solved(known, options.lenses, options.seed)
-    off_px = board_error_px(solved.model, known)
-    shared = len(solved.model.cameras) < len(known.photos)
-    if shared and options.lenses == "auto" and not known.cameras and off_px > SUSPICIOUS_PX:
-        apart = _solved(known, "each", options.seed)
-        apart_px = board_error_px(apart.model, known)
-        better = apart_px < off_px / FAR_BETTER
-        say(
-            f"lenses: the board's corners are {off_px:.2f} px off if photographs share lenses, and "
-            f"{apart_px:.2f} px if each has its own; the {'latter' if better else 'former'} is used"
-        )
-        return apart if better else solved
-    return solved
+    shared = _solved(known, options.lenses, options.seed)
+    shared_px = board_error_px(shared.model, known)
+    if known.cameras or options.lenses != "auto" or shared_px < SUSPICIOUS_PX:
+        return shared
+    apart = _solved(known, "each", options.seed)
+    apart_px = board_error_px(apart.model, known)
+    better = FAR_BETTER * apart_px < shared_px and len(apart.cameras()) >= len(shared.cameras())
+    say(
+        f"lenses: the board's corners are {shared_px:.2f} px off if photographs share lenses, and "
+        f"{apart_px:.2f} px if each has its own, which is {'' if better else 'not '}used"
+    )
+    return apart if better else shared
 
 
 def _solved(known: Known, lenses: Lenses, seed: int) -> Sparse:

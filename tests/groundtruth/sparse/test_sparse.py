@@ -3,9 +3,13 @@ work starts."""
 
 import pytest
 
-from handbench.groundtruth.sparse.sparse import check_geometry, warn_of_unregistered
+from handbench.groundtruth.options import SparseOptions
+from handbench.groundtruth.sparse import sparse
+from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.inputs import Known
+from handbench.groundtruth.sparse.sparse import Sparse, check_geometry, warn_of_unregistered
 from handbench.support.errors import HandbenchError
-from tests.groundtruth.noisy_model import exact_model, photos_of
+from tests.groundtruth.noisy_model import PARAMS, board_of, exact_model, noisy_model, photos_of
 
 
 def test_photographs_that_did_not_register_are_named(capsys):
@@ -27,3 +31,23 @@ def test_cameras_that_hardly_moved_are_refused():
         ):
             check_geometry(model)
     check_geometry(exact_model([(1, 0.045 * i / 3, 0.2) for i in range(4)]))
+
+
+@pytest.mark.parametrize(("shared", "apart", "used"), [(1.02, 1.0, 1), (1.02, 1.018, 0), (1, 1, 0)])
+def test_photographs_get_lenses_of_their_own_where_the_board_says_so(
+    monkeypatch, capsys, shared, apart, used
+):
+    """shared, apart: focal lengths that a registration finds, over the true one."""
+    scene, solved = noisy_model(noise=0, off=0), []
+    known = Known(photos_of(scene.model), board=board_of(scene.corners_m), corners=scene.corners)
+
+    def stand_in(_, lenses, seed):
+        scale = {"auto": shared, "each": apart}[lenses]
+        model = noisy_model(noise=0, off=0, params=(scale * PARAMS[0], *PARAMS[1:])).model
+        solved.append(Sparse(model, Scale("board"), None))
+        return solved[-1]
+
+    monkeypatch.setattr(sparse, "_solved", stand_in)
+    assert sparse.register(known, SparseOptions()) is solved[used]
+    assert len(solved) == 1 + (shared != 1)
+    assert ("each has its own" in capsys.readouterr().err) == (shared != 1)
