@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.board.board import CHESSBOARD, Board
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.photos.photos import Photo, read_gray
 from handbench.support.errors import HandbenchError
 
 FEWEST_CORNERS = 16  # of a view, for a focal length
@@ -36,11 +36,11 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
     convention, where the first pixel's centre is at 0.5. For the corners of a ChArUco board, the
     number −1 (CHESSBOARD) replaces the marker's id.
     """
-    tones = photo.gray()
-    picture = (tones * 255).round().astype(np.uint8)
+    picture = (photo.gray() * 255).round().astype(np.uint8)
     found = _chessboard_corners(picture, board)
     if board.marker:
-        found |= _marker_corners(picture, to_light(tones), board)
+        # as the file has them: stretched tones are not on sRGB's curve
+        found |= _marker_corners(picture, to_light(read_gray(photo.path)), board)
     # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
     return {name: at + 0.5 for name, at in found.items()}
 
