@@ -1,1 +1,1 @@
-"""Photographs: files, EXIF data, masks of the target, and checks before a reconstruction starts."""
+"""Photographs: files, tones, masks of the target, and checks before a reconstruction starts."""

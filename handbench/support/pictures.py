@@ -28,6 +28,7 @@ SCANS = 32
 PLAIN = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif")
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
+SRGB = (2.4, 12.92)  # its tone curve, as rawpy takes it
 SUFFIXES = (*PLAIN, *HEIC, *RAW)
 
 
@@ -85,7 +86,7 @@ def _developed(path: Path) -> Image.Image:
     rawpy = _package("rawpy", "raw", path)
     try:
         with rawpy.imread(str(path)) as raw:
-            return Image.fromarray(raw.postprocess(use_camera_wb=True, user_flip=0))
+            return Image.fromarray(raw.postprocess(use_camera_wb=True, user_flip=0, gamma=SRGB))
     except (OSError, rawpy.LibRawError) as error:
         raise HandbenchError(f"{path}: is not a readable RAW file; replace or remove it") from error
 

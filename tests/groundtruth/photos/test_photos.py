@@ -64,7 +64,9 @@ def colmaps_gray(path):
 
 @pytest.mark.parametrize("name", ["a.L.png", "a.RGB.png", "a.RGBA.png", "a.CMYK.jpg", "a.16.tif"])
 def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, name):
-    path, mode = tmp_path / name, name.split(".")[1]
+    """Its pixels stay as the sensor stored them."""
+    path, mode, exif = tmp_path / name, name.split(".")[1], Image.Exif()
+    exif[0x0112] = 6  # "turn me by 90°"
     colour = Image.fromarray(np.stack([grey] * 3, axis=-1))
     if mode == "16":
         cv2.imwrite(str(path), np.asarray(colour).astype(np.uint16) * 257 + 100)
@@ -74,19 +76,9 @@ def test_every_kind_of_file_reads_as_in_colmap(tmp_path, grey, name):
         converted = colour.convert(mode)
         if mode == "RGBA":
             converted.putalpha(Image.fromarray(255 - grey))
-        converted.save(path, quality=98)
+        converted.save(path, quality=98, exif=exif)
     assert np.abs(255 * read_gray(path) - colmaps_gray(path)).max() <= 2.5
     assert np.abs(255 * read_gray(path) - grey).mean() <= 2
-
-
-def test_pixels_stay_as_the_sensor_stored_them_here_and_in_colmap(tmp_path, grey):
-    exif = Image.Exif()
-    exif[0x0112] = 6  # "turn me by 90°"
-    for i in range(3):
-        Image.fromarray(grey).save(tmp_path / f"p{i}.jpg", exif=exif)
-    photos = find_photos(tmp_path)
-    assert (photos[0].width, photos[0].height) == (64, 48)
-    np.testing.assert_allclose(255 * photos[0].gray(), colmaps_gray(photos[0].path), atol=2.5)
 
 
 def names(photos):
@@ -122,7 +114,7 @@ def test_a_blurred_photograph_is_left_out_if_enough_remain(tmp_path, capsys, kin
     assert "used, because there are only a few" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("gain", "offset"), [(0.25, 0), (0.3, 0.7), (0, 0.5)])
+@pytest.mark.parametrize(("gain", "offset"), [(0.25, 0), (0.3, 0.7)])
 def test_the_tones_of_dark_and_bright_photographs_are_stretched(tmp_path, capsys, gain, offset):
     """The others stay bit for bit."""
     photograph(tmp_path)
@@ -132,8 +124,6 @@ def test_the_tones_of_dark_and_bright_photographs_are_stretched(tmp_path, capsys
     photos = find_photos(tmp_path)
     assert [photo.stretched for photo in photos] == [False, True, False, False]
     assert np.array_equal(photos[0].gray(), read_gray(photos[0].path))
-    if not gain:
-        return
     select_usable(photos)
     assert "whose tones are stretched: p1.png" in capsys.readouterr().err
     black, white = np.quantile(usual, (0.01, 0.99))
