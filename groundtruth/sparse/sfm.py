@@ -110,26 +110,33 @@ def find_features(known: Known, database: Path, lenses: Lenses = "auto", seed: i
 
 def _write_cameras(database: Path, known: Known) -> bool:
     """Set the cameras in a COLMAP database to the known ones or, if unknown, their focal lengths to
-    those that views of the board give. Returns True if all focal lengths were set."""
+    those that the board gives: in the photographs of a camera or, if these show too little of it,
+    in all. Returns True if the focal lengths were set."""
     given = {camera.name: camera for camera in known.cameras}
-    complete = True
     with pycolmap.Database.open(database) as stored:
         images = stored.read_all_images()
         for camera in stored.read_all_cameras():
             names = [image.name for image in images if image.camera_id == camera.camera_id]
-            size = (camera.width, camera.height)
-            views = [known.corners.get(name, {}) for name in names]
             if given:
                 lens = given[names[0]].colmap()
                 lens.camera_id = camera.camera_id
-            elif known.board is not None and (f_px := focal_length_px(views, size, known.board)):
-                lens, camera.params = camera, [f_px, *camera.params[1:]]
             else:
-                complete = False
-                continue
+                lens, focal_px = camera, _focal_length_px(camera, names, known)
+                if focal_px is None:
+                    return False
+                lens.params = [focal_px, *camera.params[1:]]
             lens.has_prior_focal_length = True
             stored.update_camera(lens)
-    return complete
+    return True
+
+
+def _focal_length_px(camera: "pycolmap.Camera", names: list[str], known: Known) -> float | None:
+    if known.board is None:
+        return None
+    own, size = [known.corners[name] for name in names], (camera.width, camera.height)
+    return focal_length_px(own, size, known.board) or focal_length_px(
+        known.corners.values(), size, known.board
+    )
 
 
 def match(database: Path, seed: int) -> None:

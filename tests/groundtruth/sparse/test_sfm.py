@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from handbench.groundtruth.board.board import CHESSBOARD, Board, Charuco
 from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sfm import find_features, named_pictures
+from tests.groundtruth.board.test_board import slanted
 
 
 def photographs(folder, models):
@@ -41,6 +43,20 @@ def test_photographs_share_lenses_by_exif_or_size(tmp_path, models, lenses, shar
     found = [images[f"p{i}.jpg"].camera_id for i in range(5)]
     assert found == shared
     assert cameras[1].has_prior_focal_length == (models[0] == "A")
+
+
+def test_a_board_gives_focal_lengths_also_of_photographs_that_show_too_little(tmp_path):
+    board = Board(charuco=Charuco(columns=5, rows=5, square_m=0.03, marker_m=0.02))
+    pixels = slanted(0.15, 0.15).project(board.corners_m()[CHESSBOARD])
+    seen = {(CHESSBOARD, k): pixel for k, pixel in enumerate(pixels)}
+    for name in "abc":
+        Image.new("L", (800, 600)).save(tmp_path / f"{name}.png")
+    corners = {"a.png": seen, "b.png": {}, "c.png": seen}
+    known = Known(find_photos(tmp_path), board=board, corners=corners)
+    assert find_features(known, tmp_path / "database.db", "each")
+    with load_pycolmap().Database.open(tmp_path / "database.db") as content:
+        focal_px = [camera.params[0] for camera in content.read_all_cameras()]
+    assert focal_px == pytest.approx([900] * 3, rel=0.01)
 
 
 def test_colmap_finds_photographs_of_other_names_and_tones_under_their_names(tmp_path):
