@@ -14,7 +14,7 @@ K does and its own models do not (colmap issue 1515: half a pixel). All pictures
 black to one size, because some versions distort narrower ones (colmap pull request 4634).
 
 COLMAP's `stereo_fusion` is not used. It accepts depths that agree within 1 % (5 mm on a hand; our
-fusion: within 1.7 pixels), and it returns medians without the spread between the views, which our
+fusion: within 1.25 pixels), and it returns medians without the spread between the views, which our
 uncertainty is computed from.
 """
 

@@ -13,7 +13,7 @@ from handbench.support.limits import KEPT_BYTES
 
 AGREEING = 3  # views that must agree on a point
 FEW_VIEWS = 5  # where no more views than these could see a point, two suffice
-AGREEMENT_PX = 1.7  # how far, in pixels times depth over focal length, two depths may be apart
+AGREEMENT_PX = 1.25  # how far, in pixels times depth over focal length, two depths may be apart
 WIDEST_COSINE = 0.5  # normals that agree
 AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixels by so many
 
