@@ -170,7 +170,7 @@ def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> f
         before = stored.num_inlier_matches()
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
     with pycolmap.Database.open(database) as stored:
-        return stored.num_inlier_matches() / max(before, 1)
+        return stored.num_inlier_matches() / before if before else 1.0
 
 
 def scales_px(database: Path) -> dict[str, np.ndarray]:
@@ -219,7 +219,7 @@ def structure_from_motion(
             break
     if count < FEWEST:
         raise HandbenchError(
-            f"{pictures}: only {count} of {len(photos)} photographs could be registered; expected "
+            f"photographs: only {count} of {len(photos)} photographs could be registered; expected "
             f"at least {FEWEST}; take more photographs from different places, with more overlap "
             "and a textured surrounding, or give the intrinsics of the cameras"
         )
@@ -247,7 +247,7 @@ def triangulate_known_poses(known: Known, folder: Path, seed: int = 0) -> "pycol
     share = keep_agreeing_matches(database, model)
     if share < LEAST_AGREEING:
         raise HandbenchError(
-            f"{pictures}: only {share:.0%} of the matched features agree with the given poses; "
+            f"photographs: only {share:.0%} of the matched features agree with the given poses; "
             f"expected at least {LEAST_AGREEING:.0%}; check that R, t lead from world to camera "
             "(x right, y down, z forward) and belong to these photographs, or leave the poses out"
         )
@@ -260,7 +260,7 @@ def triangulate_known_poses(known: Known, folder: Path, seed: int = 0) -> "pycol
             model.deregister_frame(image.frame_id)
     if len(registered_images(model)) < FEWEST:
         raise HandbenchError(
-            f"{pictures}: with the given poses, only {len(registered_images(model))} of "
+            f"photographs: with the given poses, only {len(registered_images(model))} of "
             f"{len(known.photos)} photographs see {FEWEST_POINTS} points; expected at least "
             f"{FEWEST}; take photographs with more overlap and texture"
         )
