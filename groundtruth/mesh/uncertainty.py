@@ -27,6 +27,7 @@ from scipy.spatial import KDTree
 
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
+from handbench.groundtruth.mesh.mesh_files import mesh
 from handbench.groundtruth.sparse.adjust import CameraCovariance, point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
@@ -48,14 +49,13 @@ def surface_sigma(
     covariance of their cameras. Included are errors of matching, of the cameras, and of
     extrapolation away from the points, but not those of matching windows.
     """
-    distance_m, near = KDTree(cloud.points_m).query(
+    distances_m, near = KDTree(cloud.points_m).query(
         vertices_m, k=min(NEIGHBOURS, len(cloud.points_m))
     )
-    beyond_m = np.maximum(distance_m[:, 0] - REACH_PX * cloud.pixel_m, 0)
+    nearest_m = distances_m[:, 0]
+    beyond_m = np.maximum(nearest_m - REACH_PX * cloud.pixel_m, 0)
     variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)
-    return np.sqrt(variance + (SLOPE * beyond_m) ** 2), distance_m[
-        :, 0
-    ] <= OBSERVED_PX * cloud.pixel_m
+    return np.sqrt(variance + (SLOPE * beyond_m) ** 2), nearest_m <= OBSERVED_PX * cloud.pixel_m
 
 
 def window_sigma(
@@ -68,9 +68,8 @@ def window_sigma(
     size of a depth map's pixel on the surface.
     """
     seen = faces[observed[faces].all(axis=1)]
-    edges = np.sort(np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]]), axis=1)
-    pairs, count = np.unique(edges, axis=0, return_counts=True)
-    border = np.unique(pairs[count == 1])
+    edges = mesh(vertices_m, seen).get_non_manifold_edges(allow_boundary_edges=False)
+    border = np.unique(edges).astype(int)
     shared = np.full(len(vertices_m), SHARED_PX)
     if len(border):
         distance_m, _ = KDTree(vertices_m[border]).query(vertices_m)
