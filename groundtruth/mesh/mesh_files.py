@@ -50,12 +50,17 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
     """Read a mesh from a PLY, OBJ or STL file with coordinates in units of `unit_m` metres, and
     convert it to metres.
 
-    The mesh is repaired and, if possible, its triangles are oriented consistently. Raises
+    Removed are duplicate vertices and triangles, triangles without area, edges of more than two
+    triangles, and unused vertices; if possible, the triangles are oriented consistently. Raises
     HandbenchError for a mesh without triangles, with invalid numbers, or with an implausible size.
     """
     surface = read_mesh(path)
     surface.scale(unit_m, center=np.zeros(3))
-    repair(surface)
+    surface.remove_duplicated_vertices()
+    surface.remove_degenerate_triangles()
+    surface.remove_duplicated_triangles()
+    surface.remove_non_manifold_edges()
+    surface.remove_unreferenced_vertices()
     longest_m = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
     if not SMALLEST_M < longest_m < LONGEST_M:
         raise HandbenchError(
@@ -65,17 +70,6 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
     if surface.is_orientable():
         surface.orient_triangles()
     return surface
-
-
-def repair(mesh: TriangleMesh) -> TriangleMesh:
-    """Repair a mesh in place for ray casting and scoring, and return it. Removed are duplicate
-    vertices and triangles, triangles without area, edges of more than two triangles, and unused
-    vertices."""
-    mesh.remove_duplicated_vertices()
-    mesh.remove_degenerate_triangles()
-    mesh.remove_duplicated_triangles()
-    mesh.remove_non_manifold_edges()
-    return mesh.remove_unreferenced_vertices()
 
 
 def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:

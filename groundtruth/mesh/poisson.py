@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.mesh.mesh_files import repair
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh, load_open3d
@@ -65,8 +64,7 @@ def _one_per_voxel(cloud: Cloud) -> Cloud:
 def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     """Reconstruct the surface of a cloud as a triangle mesh, by Poisson's method.
 
-    Surface that is far from all points or outside box_m [2, 3] is removed, and the mesh is
-    repaired.
+    Surface that is far from all points or outside box_m [2, 3] is removed.
     """
     o3d = load_open3d()
     say(f"surface of {len(cloud.points_m)} points")
@@ -82,4 +80,4 @@ def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     mesh.remove_vertices_by_mask(distance_m > FARTHEST_PX * cloud.pixel_m)
     if box_m is not None:
         mesh = mesh.crop(o3d.geometry.AxisAlignedBoundingBox(*box_m))
-    return repair(mesh)
+    return mesh
