@@ -58,7 +58,8 @@ def gather(folder: Path, options: SparseOptions) -> Known:
     HandbenchError if nothing gives the scale, or if inputs contradict each other.
     """
     given, described = files_given(folder, options)
-    photos, cameras = select_usable(find_photos(folder)), ()
+    photos = select_usable(find_photos(folder))
+    cameras: tuple[Camera, ...] = ()
     if options.intrinsics is not None:
         cameras = _pinholes(photos, options.intrinsics)
     elif given is not None:

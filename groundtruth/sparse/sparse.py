@@ -73,9 +73,16 @@ def register(known: Known, options: SparseOptions) -> Sparse:
     photograph gets its own, if that fits much better. Raises HandbenchError if the cameras hardly
     moved between photographs, or if nothing gives a consistent scale.
     """
-    shared = _solved(known, options.lenses, options.seed)
+    may_differ = options.lenses == "auto" and not known.cameras and known.board is not None
+    try:
+        shared = _solved(known, options.lenses, options.seed)
+    except HandbenchError as error:
+        if not may_differ:
+            raise
+        say(f"{error}; lenses: each photograph is given its own")
+        return _solved(known, "each", options.seed)
     shared_px = board_error_px(shared.model, known)
-    if known.cameras or options.lenses != "auto" or shared_px < SUSPICIOUS_PX:
+    if not may_differ or shared_px < SUSPICIOUS_PX:
         return shared
     apart = _solved(known, "each", options.seed)
     apart_px = board_error_px(apart.model, known)
@@ -118,10 +125,10 @@ def board_error_px(model: pycolmap.Reconstruction, known: Known) -> float:
     in the board's frame show them; 0 without a board."""
     corners_m = {} if known.board is None else known.board.corners_m()
     off_px = [
-        np.linalg.norm(pixel - image.project_point(corners_m[marker][k]))
+        float(np.linalg.norm(pixel - shown))
         for image in registered_images(model)
         for (marker, k), pixel in known.corners.get(image.name, {}).items()
-        if image.project_point(corners_m[marker][k]) is not None
+        if (shown := image.project_point(corners_m[marker][k])) is not None
     ]
     return float(np.median(off_px or [0.0]))
 
