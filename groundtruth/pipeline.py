@@ -31,7 +31,7 @@ from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_b
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import DenseOptions, Effort, Options, Region, SparseOptions
 from handbench.groundtruth.photos.masks import read_mask
-from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.inputs import files_given, gather
 from handbench.groundtruth.sparse.sparse import Sparse, register
 from handbench.support.config import Config, parse
@@ -70,14 +70,16 @@ def fuse_points(folder: Path, photos: str, options: dict[str, Any], sparse: str)
     wrote.
     """
     chosen, solved = parse(DenseOptions, options, "groundtruth"), Sparse.load(Path(sparse))
+    names = {camera.name for camera in solved.cameras()}
+    registered = tuple(photo for photo in find_photos(Path(photos)) if photo.name in names)
     plane = board_plane(Path(photos), chosen.board, solved)
     bounds = volume(chosen.box_m, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
         coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
-        cloud = _fused(Path(photos), solved, chosen, bounds.box(), coarse)
+        cloud = _fused(registered, solved, chosen, bounds.box(), coarse)
         bounds = narrow_volume(bounds, cloud, plane, solved)
     say(bounds.describe())
-    cloud = poisson.clean(_fused(Path(photos), solved, chosen, bounds.box(), chosen.effort))
+    cloud = poisson.clean(_fused(registered, solved, chosen, bounds.box(), chosen.effort))
     warn_of_cuts(bounds, cloud, plane)
     cloud.save(folder / CLOUD)
     write_json(folder / VOLUME, vars(bounds))
@@ -110,14 +112,16 @@ def coarser(shrink: int, cameras: tuple[Camera, ...]) -> int:
 
 
 def _fused(
-    photos: Path, sparse: Sparse, options: DenseOptions, box_m: np.ndarray | None, effort: Effort
+    photos: tuple[Photo, ...],
+    sparse: Sparse,
+    options: DenseOptions,
+    box_m: np.ndarray | None,
+    effort: Effort,
 ) -> Cloud:
-    """Compute the depth maps of registered photographs and fuse them to a cloud. photos: their
-    folder. effort: resolution and number of iterations. box_m [2, 3]: region of interest in the
-    mesh's frame (None: everything)."""
-    names = {camera.name for camera in sparse.cameras()}
-    registered = tuple(photo for photo in find_photos(photos) if photo.name in names)
-    views, sources = open_views(registered, sparse.model, effort.shrink, box_m, options.masks)
+    """Compute the depth maps of registered photographs and fuse them to a cloud. effort: resolution
+    and number of iterations. box_m [2, 3]: region of interest in the mesh's frame (None:
+    everything)."""
+    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, options.masks)
     announce()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality))
