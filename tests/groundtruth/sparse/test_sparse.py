@@ -1,11 +1,13 @@
 """Photographs that do not register, and models without depth: reported or refused before the
 work starts."""
 
+import numpy as np
 import pytest
 
+from handbench.groundtruth.cameras.camera_files import cameras_in
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse import sparse
-from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.frame import Scale, apply
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sparse import Sparse, check_geometry, warn_of_unregistered
 from handbench.support.errors import HandbenchError
@@ -55,3 +57,21 @@ def test_photographs_get_lenses_of_their_own_where_the_board_says_so(
     assert sparse.register(known, SparseOptions()) is solved[used]
     assert len(solved) == 1 + (shared > 1)
     assert ("lenses: " in capsys.readouterr().err) == (shared != 1)
+
+
+@pytest.mark.parametrize("source", ["board", "poses"])
+def test_cameras_are_in_metres_by_what_gives_the_scale(monkeypatch, source):
+    """Of given poses in another frame and unit: the board; of poses in metres, themselves."""
+    scene, board, corners = noisy_model(noise=0, off=0, shared=True), None, {}
+    true_m = np.array([camera.centre_m for camera in cameras_in(scene.model)])
+    if source == "board":
+        board, corners = board_of(scene.corners_m), scene.corners
+        turned = 7.0 * np.array([(0, -1, 0), (0.6, 0, -0.8), (0.8, 0, 0.6)])
+        apply(scene.model, np.block([[turned, np.array([[1.0], [2], [3]])], [np.zeros(3), 1]]))
+    monkeypatch.setattr(sparse, "triangulate_known_poses", lambda *_: scene.model)
+    photos, cameras = photos_of(scene.model), cameras_in(scene.model)
+    known = Known(photos, cameras, source == "poses", board, corners)
+    solved = sparse.register(known, SparseOptions())
+    assert solved.scale.source == source
+    found_m = np.array([camera.centre_m for camera in solved.cameras()])
+    np.testing.assert_allclose(found_m, true_m, atol=1e-7)
