@@ -46,7 +46,7 @@ MESH, TARGET, VIEW = "mesh.ply", "target.json", "view.jpg"
 SOURCES = ("groundtruth", "calibration/transforms.py")
 FILES = {"cameras", "board", "masks"}  # options whose content is in a stage's key
 COARSER = 4  # factor on the pixel size of the depth maps that locate the target
-COARSEST_PX = 64  # rows of a picture that still show it
+COARSEST_PX = 128  # rows of a picture that still show its fingers
 
 
 @stage("sparse", *SOURCES)
@@ -106,7 +106,7 @@ def make_mesh(folder: Path, photos: str, options: dict[str, Any], sparse: str, d
 
 def coarser(shrink: int, cameras: tuple[Camera, ...]) -> int:
     """Return the divisor of the resolution at which the target is located: four times `shrink`, but
-    less for small photographs, of which at least 64 rows remain where `shrink` leaves as many."""
+    less for small photographs, of which at least 128 rows remain where `shrink` leaves as many."""
     rows = min(min(camera.width, camera.height) for camera in cameras)
     return max(shrink, min(COARSER * shrink, rows // COARSEST_PX))
 

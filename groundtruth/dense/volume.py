@@ -102,19 +102,27 @@ class Volume:
 
 def volume(given: tuple[float, ...] | None, plane: Plane | None, sparse: Sparse) -> Volume:
     """Choose the volume to reconstruct: the given box (xmin, ymin, zmin, xmax, ymax, zmax), or one
-    around the sparse points of the target, or one without limits if there are few points."""
+    around the sparse points of the target. If these are too few, it is around the board, or without
+    limits."""
     if given is not None:
         return Volume(given, "given")
     features_m = _features_m(sparse, plane)
-    return _around([features_m], ROOM, "sparse points") or Volume(None, "everything")
+    if len(features_m) >= FEWEST_POINTS:
+        return _around([features_m], ROOM, "sparse points")
+    if plane is not None:
+        ends_m = plane.origin_m + np.array([[-1.0], [1.0]]) * plane.reach_m
+        return Volume(tuple(ends_m.ravel().tolist()), "the board")
+    return Volume(None, "everything")
 
 
 def narrow_volume(found: Volume, cloud: Cloud, plane: Plane | None, sparse: Sparse) -> Volume:
     """Narrow a volume that was found automatically to the target's points, both of `cloud`, which
     was fused from depth maps of low resolution without the thinnest fingers, and sparse ones. It is
-    unchanged if either are too few."""
+    unchanged if the cloud has too few."""
     both_m = [_of_target(cloud.points_m, plane), _features_m(sparse, plane)]
-    return _around(both_m, ROOM_OF_MAPS, "sparse points and coarse depth maps") or found
+    if len(both_m[0]) < FEWEST_POINTS:
+        return found
+    return _around(both_m, ROOM_OF_MAPS, "sparse points and coarse depth maps")
 
 
 def _features_m(sparse: Sparse, plane: Plane | None) -> np.ndarray:
@@ -132,12 +140,12 @@ def _of_target(points_m: np.ndarray, plane: Plane | None) -> np.ndarray:
     return points_m[above & (np.linalg.norm(points_m - plane.origin_m, axis=1) < plane.reach_m)]
 
 
-def _around(sets_m: list[np.ndarray], room: float, source: str) -> Volume | None:
-    """Make a volume around sets of points [n, 3] without each one's extremes; None if one is too
-    small. room: margin on each side, relative to the diagonal. source: what the points are from."""
-    if min(map(len, sets_m)) < FEWEST_POINTS:
-        return None
-    ends_m = np.concatenate([np.quantile(points_m, BETWEEN, axis=0) for points_m in sets_m])
+def _around(sets_m: list[np.ndarray], room: float, source: str) -> Volume:
+    """Make a volume around those sets of points [n, 3] that are large enough, without each one's
+    extremes. room: margin on each side, relative to the diagonal. source: what the points are
+    from."""
+    large_m = [points_m for points_m in sets_m if len(points_m) >= FEWEST_POINTS]
+    ends_m = np.concatenate([np.quantile(points_m, BETWEEN, axis=0) for points_m in large_m])
     low, high = ends_m.min(axis=0), ends_m.max(axis=0)
     room_m = room * np.linalg.norm(high - low)
     return Volume(tuple(np.round([*(low - room_m), *(high + room_m)], 6).tolist()), source)

@@ -93,16 +93,19 @@ def test_the_plane_is_that_of_the_board_beside_the_photographs(tmp_path):
     assert board_plane(tmp_path, None, solved([], "poses")) is None
 
 
-def test_few_points_above_the_board_give_no_box():
+def test_with_few_points_above_it_the_board_gives_the_box():
     low_m = np.tile([0.0, 0.0, 0.013], (200, 1))
-    assert volume(None, PLANE, solved(low_m)).box() is not None
+    assert volume(None, PLANE, solved(low_m)).source == "sparse points"
     for points_m in (low_m[:29], low_m - (0, 0, 0.003), low_m + (0.5, 0, 0)):
-        assert volume(None, PLANE, solved(points_m)).box() is None
+        box_m = volume(None, PLANE, solved(points_m)).box()
+        np.testing.assert_allclose(box_m, [[-0.48028] * 3, [0.48028] * 3], atol=1e-5)
+    assert volume(None, None, solved(low_m[:29])).box() is None
 
 
 def test_small_photographs_are_not_shrunk_until_nothing_is_left():
-    """720 × 480 at draft quality were 45 × 30, too few for a matching window."""
-    for width, height, expected in ((2400, 1600, 16), (720, 480, 7), (200, 200, 4)):
+    """2400 × 1600 at draft quality were 150 × 100, where fingers are thinner than matching
+    windows."""
+    for width, height, expected in ((3600, 2400, 16), (2400, 1600, 12), (200, 200, 4)):
         camera = looking_at_the_board(CENTRES_M[0]).model_copy(
             update={"width": width, "height": height}
         )
