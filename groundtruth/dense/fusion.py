@@ -57,9 +57,9 @@ class Cloud:
 
 
 def fuse(maps: list[ViewDepth]) -> Cloud:
-    """Fuse depth maps to a cloud. Each pixel becomes the mean of the points of all views that agree
-    on it, if these are three, or two where at most five views could see the point: of cameras all
-    around an object, few see the same side."""
+    """Fuse depth maps to a cloud. Each pixel becomes the weighted mean of the points of all views
+    that agree on it, if these are three, or two where at most five views could see the point: of
+    cameras all around an object, few see the same side."""
     shown_m = [(m.view.rays() * m.depth_m[..., None] - m.view.t) @ m.view.R for m in maps]
     parts = [_merge(i, maps, shown_m) for i in range(len(maps))]
     points_m, normals, views, spread_m, sizes_m = (
@@ -80,14 +80,16 @@ def _merge(i: int, maps: list[ViewDepth], shown_m: list[np.ndarray]) -> list[np.
     known = np.isfinite(maps[i].depth_m)
     own_m, own_normals = shown_m[i][known], maps[i].normals[known]
     shift_m, normals = np.zeros((2, len(own_m), 3))
-    along_m, squares_m2, viewers = np.zeros((3, len(own_m)))
+    along_m, squares_m2, weights, viewers = np.zeros((4, len(own_m)))
     views = np.zeros((len(own_m), len(maps)), dtype=bool)
     for s, other in enumerate(maps):
-        place, visible, agree = _compare(own_m, own_normals, other)
+        place, cosine, visible, agree = _compare(own_m, own_normals, other)
         viewers += visible
         views[:, s] = agree
         towards_m = np.where(agree[:, None], shown_m[s][place] - own_m, 0)
-        shift_m += towards_m
+        weight = np.where(agree, cosine, 0).clip(0)  # oblique views match less well
+        weights += weight
+        shift_m += weight[:, None] * towards_m
         normals += np.where(agree[:, None], other.normals[place], 0)
         offset_m = _averaged(_dot(towards_m, own_normals), agree, known)
         along_m += offset_m
@@ -95,7 +97,7 @@ def _merge(i: int, maps: list[ViewDepth], shown_m: list[np.ndarray]) -> list[np.
     votes = views.sum(axis=1)
     spread_m2 = (squares_m2 - along_m**2 / votes) / np.maximum(votes - 1, 1)
     columns = (
-        own_m + shift_m / votes[:, None],
+        own_m + shift_m / weights[:, None],
         normals / votes[:, None],
         views,
         np.sqrt(np.maximum(spread_m2, 0)),
@@ -107,12 +109,13 @@ def _merge(i: int, maps: list[ViewDepth], shown_m: list[np.ndarray]) -> list[np.
 
 def _compare(
     points_m: np.ndarray, normals: np.ndarray, other: ViewDepth
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray, np.ndarray]:
     """Compare points [n, 3] and their normals [n, 3] with a depth map.
 
-    Returns the rows and columns [n] of the points' pixels; the mask [n] of the points that the view
-    could see: they are in its picture, face it, and it shows nothing nearer; and the mask [n] of
-    those that its depth and normal agree with.
+    Returns the rows and columns [n] of the points' pixels; the cosine [n] of the angle between
+    normal and line of sight; the mask [n] of the points that the view could see: they are in its
+    picture, face it, and it shows nothing nearer; and the mask [n] of those that its depth and
+    normal agree with.
     """
     view, (h, w) = other.view, other.depth_m.shape
     x, y, depth_m = view.K @ (view.R @ points_m.T + view.t[:, None])
@@ -126,7 +129,7 @@ def _compare(
     visible = inside & (cosine > LOWEST_COSINE) & ~(behind_px > AGREEMENT_PX)
     agree = inside & (np.abs(behind_px) <= AGREEMENT_PX)
     agree &= _dot(other.normals[place], normals) >= WIDEST_COSINE
-    return place, visible, agree
+    return place, cosine, visible, agree
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
