@@ -118,7 +118,7 @@ def _compare(
     normal agree with.
     """
     view, (h, w) = other.view, other.depth_m.shape
-    x, y, depth_m = view.K @ (view.R @ points_m.T + view.t[:, None])
+    x, y, depth_m = view.K @ view.R @ points_m.T + (view.K @ view.t)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):  # points in the camera's plane
         column, row = np.rint(x / depth_m), np.rint(y / depth_m)
         inside = (depth_m > 0) & (column >= 0) & (column < w) & (row >= 0) & (row < h)
