@@ -15,10 +15,12 @@ from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo
+from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track
 
 FEWEST_VIEWS = 3
+PIXEL_BYTES = 70  # of a view with its depths, normals and points
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
 # between a view and a good source
@@ -57,7 +59,7 @@ def open_views(
     3]: region of interest; photographs that do not show it are left out. masks: folder of the
     photographs' masks (None: all pixels that are not transparent are matched). Returns the views
     and, for each, the indices of its sources among them. Raises HandbenchError if fewer than three
-    photographs show the box.
+    photographs show the box, or if their depth maps do not fit into memory.
     """
     by_name = {photo.name: photo for photo in photos}
     images = registered_images(model)
@@ -82,6 +84,11 @@ def open_views(
             "frame of the board (or of the camera poses)"
         )
     shown = [view for view in views if view is not None]
+    require_memory(
+        PIXEL_BYTES * sum(view.gray.size for view in shown),
+        f"dense: {len(shown)} depth maps",
+        "choose a lower --quality, or fewer or smaller photographs",
+    )
     return shown, choose_sources(shown, tracks[:, showing], points_m)
 
 
