@@ -52,8 +52,9 @@ class Cloud:
         columns: dict[str, Any] = read_npz(
             file, tuple(field.name for field in fields(cls)), most=KEPT_BYTES
         )
-        names, pixel_m = tuple(columns["names"].tolist()), float(columns["pixel_m"])
-        return cls(**{**columns, "names": names, "pixel_m": pixel_m})
+        columns["names"] = tuple(columns["names"].tolist())
+        columns["pixel_m"] = float(columns["pixel_m"])
+        return cls(**columns)
 
 
 def fuse(maps: list[ViewDepth]) -> Cloud:
