@@ -20,8 +20,7 @@ AVERAGED_PX = 3  # a surface in cells of a pixel takes the mean of so many pixel
 
 @dataclass(frozen=True)
 class Cloud:
-    """Fused points [n, 3] and outward normals [n, 3] (not exactly of unit length) in the mesh's
-    frame.
+    """Fused points [n, 3] and outward unit normals [n, 3] in the mesh's frame.
 
     views [n, number of views]: True where a view agrees on a point; names: the views' photographs.
     spread_m [n]: standard deviation, along the normal, between the depths of the agreeing views.
@@ -75,31 +74,30 @@ def _merge(i: int, maps: list[ViewDepth], shown_m: list[np.ndarray]) -> list[np.
     """Merge the pixels of map number i with the pixels of all maps that agree, its own among them.
 
     shown_m: the points [h, w, 3] that each map shows. Returns, of the n pixels on which enough
-    views agree, the mean points [n, 3] and normals [n, 3], the mask [n, maps] of the views that
-    agree, the spread [n] of their depths, and the size [n] of a pixel on the surface, metres.
+    views agree, the mean points [n, 3], the map's normals [n, 3], the mask [n, maps] of the views
+    that agree, the spread [n] of their depths, and the size [n] of a pixel on the surface, metres.
     """
     known = np.isfinite(maps[i].depth_m)
-    own_m, own_normals = shown_m[i][known], maps[i].normals[known]
-    shift_m, normals = np.zeros((2, len(own_m), 3))
+    own_m, normals = shown_m[i][known], maps[i].normals[known]
+    shift_m = np.zeros_like(own_m)
     along_m, squares_m2, weights, viewers = np.zeros((4, len(own_m)))
     views = np.zeros((len(own_m), len(maps)), dtype=bool)
     for s, other in enumerate(maps):
-        place, cosine, visible, agree = _compare(own_m, own_normals, other)
+        place, cosine, visible, agree = _compare(own_m, normals, other)
         viewers += visible
         views[:, s] = agree
         towards_m = np.where(agree[:, None], shown_m[s][place] - own_m, 0)
         weight = np.where(agree, cosine, 0).clip(0)  # oblique views match less well
         weights += weight
         shift_m += weight[:, None] * towards_m
-        normals += np.where(agree[:, None], other.normals[place], 0)
-        offset_m = _averaged(_dot(towards_m, own_normals), agree, known)
+        offset_m = _averaged(_dot(towards_m, normals), agree, known)
         along_m += offset_m
         squares_m2 += offset_m**2
     votes = views.sum(axis=1)
     spread_m2 = (squares_m2 - along_m**2 / votes) / np.maximum(votes - 1, 1)
     columns = (
         own_m + shift_m / weights[:, None],
-        normals / votes[:, None],
+        normals,
         views,
         np.sqrt(np.maximum(spread_m2, 0)),
         maps[i].depth_m[known] / maps[i].view.K[0, 0],

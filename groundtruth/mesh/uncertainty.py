@@ -99,11 +99,11 @@ def camera_variance(
     along their normals. images: the registered photographs; known: covariance of their cameras."""
     images = [image for image in images if image.name in cloud.names]
     seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
-    unit = cloud.normals / np.linalg.norm(cloud.normals, axis=1, keepdims=True)
     variances = []
     size = max(1, CHUNK // len(known.matrix))
-    for first in range(0, len(unit), size):
+    for first in range(0, len(cloud.points_m), size):
         part = slice(first, first + size)
         covariance = point_covariance(images, known, cloud.points_m[part], seen[part])
-        variances.append(np.einsum("na,nab,nb->n", unit[part], covariance, unit[part]))
+        normals = cloud.normals[part]
+        variances.append(np.einsum("na,nab,nb->n", normals, covariance, normals))
     return np.concatenate(variances)
