@@ -1,7 +1,7 @@
 """Options of the command `handbench groundtruth`, which reconstructs a mesh from photographs."""
 
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from pydantic import Field, field_validator
 
@@ -11,17 +11,8 @@ Quality = Literal["draft", "normal", "high"]
 Lenses = Literal["auto", "one", "each"]
 
 
-class Effort(NamedTuple):
-    """Resolution and work of depth maps.
-
-    shrink: divisor of the photographs' resolution. iterations: number of PatchMatch iterations.
-    """
-
-    shrink: int
-    iterations: int
-
-
-EFFORT = {"draft": Effort(4, 2), "normal": Effort(2, 3), "high": Effort(1, 4)}
+# divisor of the photographs' resolution
+SHRINK: dict[Quality, int] = {"draft": 4, "normal": 2, "high": 1}
 
 
 class SparseOptions(Config):
@@ -70,7 +61,7 @@ class Region(Config):
 class DenseOptions(Region):
     """Options of the depth maps.
 
-    quality: resolution and number of iterations. masks: folder with a mask of the target for each
+    quality: resolution. masks: folder with a mask of the target for each
     photograph. dense: device that computes the depth maps; "auto": a CUDA device, if pycolmap can
     use one. seed: of PatchMatch's random numbers on the CPU.
     """
@@ -79,11 +70,6 @@ class DenseOptions(Region):
     masks: Path | None = None
     dense: Literal["auto", "cpu", "cuda"] = "auto"
     seed: int = Field(default=0, ge=0, lt=2**31)
-
-    @property
-    def effort(self) -> Effort:
-        """Resolution and number of iterations that belong to `quality`."""
-        return EFFORT[self.quality]
 
 
 class Options(SparseOptions, DenseOptions):

@@ -15,7 +15,7 @@ from handbench.groundtruth.cameras.cameras import Camera, cuda_devices, register
 from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
-from handbench.groundtruth.dense.kernels import announce
+from handbench.groundtruth.dense.patchmatch import compile_kernels
 from handbench.groundtruth.dense.volume import (
     Plane,
     Volume,
@@ -29,7 +29,7 @@ from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_board
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
-from handbench.groundtruth.options import DenseOptions, Effort, Options, Region, SparseOptions
+from handbench.groundtruth.options import SHRINK, DenseOptions, Options, Region, SparseOptions
 from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo, find_photos
 from handbench.groundtruth.sparse.inputs import files_given, gather
@@ -75,11 +75,11 @@ def fuse_points(folder: Path, photos: str, options: dict[str, Any], sparse: str)
     plane = board_plane(Path(photos), chosen.board, solved)
     bounds = volume(chosen.box_m, plane, solved)
     if plane is not None and bounds.source != "given" and chosen.dense != "cuda":
-        coarse = Effort(coarser(chosen.effort.shrink, solved.cameras()), 1)
-        cloud = _fused(registered, solved, chosen, bounds.box(), coarse)
+        shrink = coarser(SHRINK[chosen.quality], solved.cameras())
+        cloud = _fused(registered, solved, chosen, bounds.box(), shrink)
         bounds = narrow_volume(bounds, cloud, plane, solved)
     say(bounds.describe())
-    cloud = poisson.clean(_fused(registered, solved, chosen, bounds.box(), chosen.effort))
+    cloud = poisson.clean(_fused(registered, solved, chosen, bounds.box(), SHRINK[chosen.quality]))
     warn_of_cuts(bounds, cloud, plane)
     cloud.save(folder / CLOUD)
     write_json(folder / VOLUME, vars(bounds))
@@ -116,16 +116,15 @@ def _fused(
     sparse: Sparse,
     options: DenseOptions,
     box_m: np.ndarray | None,
-    effort: Effort,
+    shrink: int,
 ) -> Cloud:
-    """Compute the depth maps of registered photographs and fuse them to a cloud. effort: resolution
-    and number of iterations. box_m [2, 3]: region of interest in the mesh's frame (None:
-    everything)."""
-    views, sources = open_views(photos, sparse.model, effort.shrink, box_m, options.masks)
-    announce()
+    """Compute the depth maps of registered photographs and fuse them to a cloud. shrink: divisor of
+    their resolution. box_m [2, 3]: region of interest in the mesh's frame (None: everything)."""
+    views, sources = open_views(photos, sparse.model, shrink, box_m, options.masks)
+    compile_kernels()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources, options.quality))
-    return fuse(depth_maps(views, sources, effort.iterations, options.seed))
+    return fuse(depth_maps(views, sources, options.seed))
 
 
 def measured_surface(

@@ -8,7 +8,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.calibration.transforms import load_transform
-from handbench.groundtruth.dense.kernels import compile_kernels
+from handbench.groundtruth.dense.patchmatch import compile_kernels
 from handbench.groundtruth.mesh.depth import depth_on_grid, reference_on_grid
 from handbench.groundtruth.mesh.mesh_files import read_mesh
 from handbench.groundtruth.options import Options, Quality

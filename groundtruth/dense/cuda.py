@@ -2,11 +2,10 @@
 refinement.
 
 Schönberger et al., "Pixelwise view selection for unstructured multi-view stereo", ECCV 2016. COLMAP
-replaces the plane sweep and the iterations of PatchMatch on the CPU; it gets the same views, source
-views and window size. Its planes then pass through `refine_planes` without iterations: a step of
-refinement with curved windows, and the same limits of cost, incidence and jumps (COLMAP writes no
-costs). The fusion and its uncertainty thus treat maps from both devices equally. COLMAP's random
-numbers are the same in every run; there is no seed to set.
+replaces the search on the CPU; it gets the same views, source views and window size. Its planes
+then pass through the same refinement with curved windows and the same limits of cost, incidence and
+jumps (COLMAP writes no costs). The fusion and its uncertainty thus treat maps from both devices
+equally. COLMAP's random numbers are the same in every run; there is no seed to set.
 
 COLMAP's workspace is written from our views and not by its `undistort_images`: our views are
 cropped to the region of interest, and COLMAP's stereo puts pixels' centres at whole numbers, as our
@@ -28,13 +27,13 @@ import numpy as np
 from PIL import Image
 
 from handbench.groundtruth.cameras.cameras import pycolmap
-from handbench.groundtruth.dense.dense import ViewDepth, refine_planes
-from handbench.groundtruth.dense.first_guess import planes_through
-from handbench.groundtruth.dense.patchmatch import RADIUS
+from handbench.groundtruth.dense.dense import ViewDepth, depth_of, disparity_range
+from handbench.groundtruth.dense.patchmatch import RADIUS, refine
 from handbench.groundtruth.dense.views import Stereo, View
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say, track
 
+STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the normals
 INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, uses the processor instead"
 # Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree:
 # COLMAP's lowest, its default.
@@ -71,7 +70,7 @@ def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> lis
         search(folder, options)
         suffix = "geometric.bin" if geometric else "photometric.bin"
         return [
-            _depth_map(folder, views, i, sources[i], suffix)
+            read_maps(folder, views, i, sources[i], suffix)
             for i in track(range(len(views)), "depth maps")
         ]
 
@@ -111,27 +110,6 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
     (folder / "stereo" / "patch-match.cfg").write_text("".join(lines))
 
 
-def read_map(file: Path, shape: tuple[int, int, int]) -> np.ndarray:
-    """Read a depth or normal map [h, w, channels], float32, from a file that COLMAP wrote.
-
-    The file holds the text "width&height&channels&" and then float32 values by channel, row and
-    column. shape: the expected (h, w, channels). Raises HandbenchError if the file is missing or
-    has another shape.
-    """
-    content = file.read_bytes() if file.is_file() else b""
-    h, w, channels = shape
-    head = f"{w}&{h}&{channels}&".encode()
-    if not content.startswith(head) or len(content) != len(head) + 4 * h * w * channels:
-        raise HandbenchError(
-            f"{file.parent.name}/{file.name}: is missing or has {len(content)} bytes that are not "
-            f"{channels} channels of {w} × {h} pixels, because COLMAP did not finish; free memory "
-            f"and disk space, or use the processor: {INSTEAD}"
-        )
-    return np.moveaxis(
-        np.frombuffer(content, dtype="<f4", offset=len(head)).reshape(channels, h, w), 0, -1
-    )
-
-
 def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
     """Run COLMAP's PatchMatch on a workspace folder, into which it writes depth and normal maps.
 
@@ -157,21 +135,46 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         )
 
 
-def _depth_map(
+def read_maps(
     folder: Path, views: list[View], i: int, sources: list[int], suffix: str
 ) -> ViewDepth:
-    view = views[i]
-    h, w = view.gray.shape
-    depth_m, normals = (
-        read_map(folder / "stereo" / kind / f"{_name(i)}.{suffix}", (*_size(views), channels))[
-            :h, :w
-        ]
-        for kind, channels in (("depth_maps", 1), ("normal_maps", 3))
-    )
+    """Read the depths and normals of view number i that COLMAP wrote into a workspace, and refine
+    them. sources: indices of the views that it is matched with. suffix: end of the files' names.
+    Raises HandbenchError if a file is missing or empty.
+    """
+    view, depth, normal = views[i], pycolmap.DepthMap(), pycolmap.NormalMap()
+    try:
+        depth.read(folder / "stereo" / "depth_maps" / f"{_name(i)}.{suffix}")
+        normal.read(folder / "stereo" / "normal_maps" / f"{_name(i)}.{suffix}")
+    except ValueError:
+        raise HandbenchError(
+            f"{view.name}: COLMAP wrote no depth map; free memory and disk space; {INSTEAD}"
+        ) from None
     stereo = Stereo.of(view, [views[s] for s in sources])
-    return refine_planes(
-        view, stereo, planes_through(view, depth_m[..., 0], normals, stereo.unit), iterations=0
+    h, w = view.gray.shape
+    planes = planes_through(view, depth.to_array()[:h, :w], normal.to_array()[:h, :w], stereo.unit)
+    low, high = disparity_range(view, stereo.unit)
+    low[np.isnan(planes[0])] = np.nan
+    return depth_of(view, stereo, *refine(stereo, planes, low, high, (), 0))
+
+
+def planes_through(view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float) -> np.ndarray:
+    """Convert depths [h, w] (metres) and unit normals [h, w, 3] (camera frame) to each pixel's
+    plane.
+
+    unit: inverse depth (1/m) of one step of disparity. Slopes are clipped to ± STEEPEST. Returns
+    [3, h, w] float32: disparity, slope per column and slope per row; NaN for depths outside the
+    view's range and for normals that face away. The plane n·X = d has 1/z = (n·K⁻¹x)/d at pixel x.
+    """
+    depth_m = depth_m.astype(np.float64)
+    towards = (normals * view.rays()).sum(axis=-1)
+    known = (view.near_m <= depth_m) & (depth_m <= view.far_m) & (towards < 0)
+    depth_m, towards = np.where(known, depth_m, np.nan), np.where(known, towards, np.nan)
+    slopes = np.moveaxis(normals[..., :2] / view.K[[0, 1], [0, 1]], -1, 0) / (
+        depth_m * towards * unit
     )
+    slopes = np.clip(slopes, -STEEPEST, STEEPEST)
+    return np.stack([1 / (depth_m * unit), *slopes]).astype(np.float32)
 
 
 def _size(views: list[View]) -> tuple[int, int]:

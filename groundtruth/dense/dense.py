@@ -7,11 +7,11 @@ façade and a scene without metric scale need the same thresholds.
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
 from handbench.groundtruth.dense import patchmatch
-from handbench.groundtruth.dense.first_guess import first_guess
 from handbench.groundtruth.dense.views import Stereo, View, open_view
 from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo
@@ -23,6 +23,13 @@ FEWEST_VIEWS = 3
 PIXEL_BYTES = 70  # of a view with its depths, normals and points
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
+HALVINGS = 2  # of the resolution, at which the search begins
+FIRST_ITERATIONS = 10  # at the lowest resolution
+# largest variation of the disparity in the iterations at each of the others
+REACHES_PX = (1.0, 0.5)
+# a pixel is matched where a match at half the resolution is as good, so many pixels around
+HOPEFUL_COST = 0.4
+HOPEFUL_PX = 5
 # between a view and a good source
 BEST_ANGLE_RAD, SPREAD_BELOW_RAD, SPREAD_ABOVE_RAD = np.deg2rad([12, 6, 25])
 HIGHEST_COST = 0.3  # 1 − NCC, of a pixel that a depth map keeps
@@ -92,21 +99,63 @@ def open_views(
     return shown, choose_sources(shown, tracks[:, showing], points_m)
 
 
-def depth_maps(
-    views: list[View], sources: list[list[int]], iterations: int, seed: int
-) -> list[ViewDepth]:
+def depth_maps(views: list[View], sources: list[list[int]], seed: int) -> list[ViewDepth]:
     """Compute the depth map of every view on the CPU, by matching it with its source views.
 
-    sources: for each view, the indices of its sources in `views`. iterations: of PatchMatch; seed:
-    of its random numbers.
+    Planes are drawn at random at a quarter of the resolution; they are refined there, at half of
+    the resolution, and at the whole. sources: for each view, the indices of its sources in `views`.
+    seed: of random numbers.
     """
-    coarse = [view.halved() for view in views]
-    maps = []
-    for i in track(range(len(views)), "depth maps"):
-        stereo = Stereo.of(views[i], [views[s] for s in sources[i]])
-        planes = first_guess(views[i], coarse[i], [coarse[s] for s in sources[i]], stereo.unit)
-        maps.append(refine_planes(views[i], stereo, planes, iterations, seed))
-    return maps
+    pyramid = [views]
+    for _ in range(HALVINGS):
+        pyramid.insert(0, [view.halved() for view in pyramid[0]])
+    return [
+        _depth_map([(level[i], [level[s] for s in sources[i]]) for level in pyramid], seed)
+        for i in track(range(len(views)), "depth maps")
+    ]
+
+
+def _depth_map(pyramid: list[tuple[View, list[View]]], seed: int) -> ViewDepth:
+    """Compute the depth map of a view from the view and its sources at growing resolutions."""
+    view, others = pyramid[0]
+    stereo = Stereo.of(view, others)
+    low, high = disparity_range(view, stereo.unit)
+    noise = np.random.default_rng(seed).random(low.shape, np.float32)
+    planes = np.stack([low + noise * (high - low), 0 * low, 0 * low])
+    reaches = (np.nanmax(high - low) * 0.5 ** np.arange(FIRST_ITERATIONS)).tolist()
+    planes, cost, support = patchmatch.refine(stereo, planes, low, high, reaches, seed)
+    for view, others in pyramid[1:]:
+        coarse, stereo = stereo, Stereo.of(view, others)
+        low, high = disparity_range(view, stereo.unit)
+        size = low.shape[::-1]
+        cost = cv2.erode(cost, np.ones((HOPEFUL_PX, HOPEFUL_PX)))
+        *planes, cost = (
+            cv2.resize(part, size, interpolation=cv2.INTER_NEAREST) for part in (*planes, cost)
+        )
+        low[cost > HOPEFUL_COST] = np.nan
+        planes = np.stack(planes)
+        planes *= np.float32(coarse.unit / stereo.unit) / np.float32([1, 2, 2])[:, None, None]
+        planes[0] = np.clip(planes[0], low, high)
+        planes, cost, support = patchmatch.refine(stereo, planes, low, high, REACHES_PX, seed)
+    return depth_of(view, stereo, planes, cost, support)
+
+
+def disparity_range(view: View, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the lowest and highest disparity [h, w] of a view's depth range; unit: inverse depth
+    (1/m) of one step of disparity."""
+    return 1 / (view.far_m * np.float32(unit)), 1 / (view.near_m * np.float32(unit))
+
+
+def depth_of(
+    view: View, stereo: Stereo, planes: np.ndarray, cost: np.ndarray, support: np.ndarray
+) -> ViewDepth:
+    """Turn what `patchmatch.refine` returns into a depth map, without poor matches, grazing
+    surfaces and pixels next to depth jumps."""
+    normals, cosine = _normals(view, planes)
+    good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (support >= LEAST_SUPPORT)
+    good &= ~_beside_jump(planes)
+    depth_m = np.where(good, 1 / (planes[0].astype(np.float64) * stereo.unit), np.nan)
+    return ViewDepth(view, depth_m, normals @ view.R)
 
 
 def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) -> list[list[int]]:
@@ -131,31 +180,8 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
     return chosen
 
 
-def refine_planes(
-    view: View, stereo: Stereo, planes: np.ndarray, iterations: int, seed: int = 0
-) -> ViewDepth:
-    """Turn an initial plane at each pixel of a view into a depth map.
-
-    Three steps: PatchMatch, a refinement with curved windows, and the removal of poor matches,
-    grazing surfaces and pixels next to depth jumps. With 0 iterations, the first step is skipped.
-
-    stereo: the view's picture with its sources. planes [h, w, 3]: disparity (scaled inverse depth)
-    and its slopes per column and row, NaN where unknown; changed in place. seed: of PatchMatch's
-    random numbers.
-    """
-    known = np.isfinite(planes[..., 0])
-    low, high = (np.where(known, 1 / (z * stereo.unit), np.nan) for z in (view.far_m, view.near_m))
-    planes[..., 0] = np.clip(planes[..., 0], low, high)
-    cost, support = patchmatch.refine(stereo, planes, low, high, iterations, seed)
-    normals, cosine = _normals(view, planes)
-    good = (cost < HIGHEST_COST) & (cosine > LOWEST_COSINE) & (support >= LEAST_SUPPORT)
-    good &= (low <= high) & ~_beside_jump(planes)
-    depth_m = np.where(good, 1 / (planes[..., 0].astype(np.float64) * stereo.unit), np.nan)
-    return ViewDepth(view, depth_m, normals @ view.R)
-
-
 def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the surface's normals from planes [h, w, 3] (disparity and its slopes per column and
+    """Compute the surface's normals from planes [3, h, w] (disparity and its slopes per column and
     row).
 
     Returns unit normals [h, w, 3] in the camera frame, towards the camera, and the cosine [h, w] of
@@ -164,8 +190,8 @@ def _normals(view: View, planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     h, w = view.gray.shape
     v, u = np.mgrid[:h, :w]
-    slope_x, slope_y = planes[..., 1].astype(np.float64), planes[..., 2].astype(np.float64)
-    m = np.stack([slope_x, slope_y, planes[..., 0] - slope_x * u - slope_y * v], axis=-1)
+    disparity, slope_x, slope_y = planes.astype(np.float64)
+    m = np.stack([slope_x, slope_y, disparity - slope_x * u - slope_y * v], axis=-1)
     normals = -m @ view.K
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     rays = view.rays()
@@ -176,10 +202,10 @@ def _beside_jump(planes: np.ndarray) -> np.ndarray:
     """Mark the pixels next to a jump in depth, where a matching window covers two surfaces and
     biases the depth.
 
-    planes [h, w, 3]: disparity and its slopes per column and row. Returns True [h, w] where a
+    planes [3, h, w]: disparity and its slopes per column and row. Returns True [h, w] where a
     neighbour's disparity differs by more than JUMP_PX (one pixel) from the continued plane.
     """
-    disparity, slope_x, slope_y = np.moveaxis(planes, -1, 0)
+    disparity, slope_x, slope_y = planes
     beside = np.zeros(disparity.shape, dtype=bool)
     for axis, slope in ((1, slope_x), (0, slope_y)):
         here, there = (

@@ -12,23 +12,11 @@ from multiprocessing import parent_process
 from typing import Any
 
 import numba
-from numba import get_num_threads, prange, set_num_threads
 from numba.core import config
 from numba.core.codegen import get_host_cpu_features
 from numba.core.registry import cpu_target
 
 from handbench.support.progress import say
-
-__all__ = [
-    "FAST",
-    "INNER",
-    "announce_compilation",
-    "get_num_threads",
-    "njit",
-    "outer",
-    "prange",
-    "set_num_threads",
-]
 
 # numba.njit without the wrapper for C callers, which takes a fifth of the compile time.
 njit: Callable[..., Any] = partial(numba.njit, no_cfunc_wrapper=True)

@@ -1,7 +1,6 @@
 """Ray casting with open3d's Embree scenes. Only this module imports open3d."""
 
 import ctypes
-import os
 import sys
 from functools import cache
 from types import ModuleType
@@ -35,14 +34,11 @@ def _windows(name: str) -> ModuleType:
 def load_open3d() -> ModuleType:
     """Import open3d and return it.
     Outside notebooks, open3d.visualization is imported only when it is used, because it takes as
-    long to import as all the rest. The library libusb, which open3d's wheel needs, is loaded first.
-    numba is configured not to prefer open3d's TBB, which is too old for it."""
+    long to import as all the rest. The library libusb, which open3d's wheel needs, is loaded
+    first."""
     import libusb_package
 
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
-    os.environ.setdefault("NUMBA_THREADING_LAYER_PRIORITY", "omp workqueue tbb")
-    if numba := sys.modules.get("numba"):
-        numba.config.reload_config()
     asked = {WINDOWS, "ipykernel"} & sys.modules.keys()  # in a notebook open3d asks for them itself
     left_out = None if asked else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
     import open3d

@@ -4,24 +4,30 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth import pipeline
-from handbench.groundtruth.cameras.cameras import cuda_devices
+from handbench.groundtruth.cameras.cameras import cuda_devices, pycolmap
 from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.options import Options
 from handbench.support.errors import HandbenchError
 from tests.groundtruth import ball
 
 
-@pytest.mark.parametrize("content", [b"", b"3&2&1&" + bytes(23), b"2&3&1&" + bytes(24)])
-def test_a_broken_map_is_refused(tmp_path, content):
-    (tmp_path / "0.png.geometric.bin").write_bytes(content)
-    with pytest.raises(HandbenchError, match=r"0\.png\.geometric\.bin"):
-        cuda.read_map(tmp_path / "0.png.geometric.bin", (2, 3, 1))
-
-
-def test_a_map_is_read_by_channel_row_and_column(tmp_path):
-    values = np.arange(6, dtype="<f4").tobytes()
-    (tmp_path / "a.bin").write_bytes(b"3&1&2&" + values)
-    assert cuda.read_map(tmp_path / "a.bin", (1, 3, 2)).tolist() == [[[0, 3], [1, 4], [2, 5]]]
+def test_maps_that_colmap_wrote_are_refined(tmp_path):
+    views, depths_m, sources = ball.scene([(112, 112)] * 5)
+    depth_m, view = depths_m[0], views[0]
+    _, normals = ball.surface(view.rays(), view.R, view.t)
+    for kind, values, Map in (
+        ("depth", 0.999 * depth_m, pycolmap.DepthMap),
+        ("normal", normals @ view.R.T, pycolmap.NormalMap),
+    ):
+        file = tmp_path / "stereo" / f"{kind}_maps" / "0.png.geometric.bin"
+        file.parent.mkdir(parents=True)
+        limits = (0.4, 0.62) if kind == "depth" else ()
+        Map.from_array(values.astype(np.float32), *limits).write(file)
+    refined = cuda.read_maps(tmp_path, views, 0, sources[0], "geometric.bin")
+    error = np.abs(refined.depth_m - depth_m) / ball.DISPARITY_M
+    assert np.isfinite(error).mean() > 0.55 and np.nanmedian(error) < 0.05
+    with pytest.raises(HandbenchError, match="v1: COLMAP wrote no depth map"):
+        cuda.read_maps(tmp_path, views, 1, sources[1], "geometric.bin")
 
 
 @pytest.mark.parametrize(
