@@ -24,9 +24,8 @@ PIXEL_BYTES = 70  # of a view with its depths, normals and points
 DEPTH_QUANTILES, DEPTH_MARGIN = (0.01, 0.99), 0.15  # of the sparse points a view sees
 SOURCES = 4
 HALVINGS = 2  # of the resolution, at which the search begins
-FIRST_ITERATIONS = 10  # at the lowest resolution
-# largest variation of the disparity in the iterations at each of the others
-REACHES_PX = (1.0, 0.5)
+# largest variation of the disparity in each iteration at the other resolutions
+REACHES_PX = (1.0, 1.0, 0.5)
 # a pixel is matched where a match at half the resolution is as good, so many pixels around
 HOPEFUL_COST = 0.4
 HOPEFUL_PX = 5
@@ -122,7 +121,8 @@ def _depth_map(pyramid: list[tuple[View, list[View]]], seed: int) -> ViewDepth:
     low, high = disparity_range(view, stereo.unit)
     noise = np.random.default_rng(seed).random(low.shape, np.float32)
     planes = np.stack([low + noise * (high - low), 0 * low, 0 * low])
-    reaches = (np.nanmax(high - low) * 0.5 ** np.arange(FIRST_ITERATIONS)).tolist()
+    widest = np.nanmax(high - low)
+    reaches = (widest * 0.5 ** np.arange(1 + np.log2(1 + widest))).tolist()
     planes, cost, support = patchmatch.refine(stereo, planes, low, high, reaches, seed)
     for view, others in pyramid[1:]:
         coarse, stereo = stereo, Stereo.of(view, others)

@@ -77,23 +77,25 @@ def refine(
     reference = cv2.copyMakeBorder(stereo.reference, *border, cv2.BORDER_REPLICATE)
     stereo = stereo._replace(reference=reference)
     wanted = low <= high
-    cost, views = _best_sources(stereo, planes, wanted)
-    for reach in reaches:
+    cost = np.where(wanted, 0, WORST)
+    for step, reach in enumerate(reaches):
+        if step == 0 or reach > 1:  # later, planes hardly move
+            cost, views = _best_sources(stereo, planes, np.zeros_like(planes), wanted)
         for direction in DIRECTIONS:
             candidate = _from_neighbour(planes, cost, direction)
             planes, cost = _better(stereo, planes, cost, views, candidate, low, high)
         for variation in VARIATIONS:
             candidate = _varied(planes, reach * variation, draws)
             planes, cost = _better(stereo, planes, cost, views, candidate, low, high)
-        cost, views = _best_sources(stereo, planes, wanted)
     matched = cost < UNMATCHED
     planes, bends, support = smoothed(planes, matched)
     planes[0] -= (bends[0] + bends[2]) * np.float32(FLATTENED_PX2 / 2)
-    left, here, right = (
+    here, views = _best_sources(stereo, planes, bends, matched)
+    left, right = (
         mismatches(
             stereo, planes + np.float32([side, 0, 0])[:, None, None], bends, views, WORST * matched
         ).mean(axis=0)
-        for side in (-SIDE, 0, SIDE)
+        for side in (-SIDE, SIDE)
     )
     opening = left - 2 * here + right
     vertex = np.clip(0.5 * (left - right) / np.where(opening > 0, opening, np.inf), -1, 1)
@@ -102,14 +104,14 @@ def refine(
 
 
 def _best_sources(
-    stereo: Stereo, planes: np.ndarray, wanted: np.ndarray
+    stereo: Stereo, planes: np.ndarray, bends: np.ndarray, wanted: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the better half of the source views for each pixel's plane. Returns the mean of their
-    mismatches [h, w] and their numbers [n, h, w]."""
+    """Choose the better half of the source views for each pixel's paraboloid. Returns the mean of
+    their mismatches [h, w] and their numbers [n, h, w]."""
     count = len(stereo.sources)
     every = np.empty((count, *wanted.shape), np.int8)
     every[:] = np.arange(count)[:, None, None]
-    mismatch = mismatches(stereo, planes, np.zeros_like(planes), every, WORST * wanted)
+    mismatch = mismatches(stereo, planes, bends, every, WORST * wanted)
     best = mismatch.argsort(axis=0, kind="stable")[: max(1, count // 2)]
     return np.take_along_axis(mismatch, best, 0).mean(axis=0), best.astype(np.int8)
 
