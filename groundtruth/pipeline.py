@@ -123,7 +123,7 @@ def _fused(
     views, sources = open_views(photos, sparse.model, shrink, box_m, options.masks)
     compile_kernels()
     if options.dense == "cuda":
-        return fuse(cuda.depth_maps(views, sources, options.quality))
+        return fuse(cuda.depth_maps(views, sources))
     return fuse(depth_maps(views, sources, options.seed))
 
 

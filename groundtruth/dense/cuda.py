@@ -35,9 +35,6 @@ from handbench.support.progress import say, track
 
 STEEPEST = 1.5  # disparities per pixel, of slopes that are read off the normals
 INSTEAD = "--dense cpu, or an empty CUDA_VISIBLE_DEVICES, uses the processor instead"
-# Iterations of four sweeps each, and whether a second run asks the sources' depth maps to agree:
-# COLMAP's lowest, its default.
-SEARCH = {"draft": (3, False), "normal": (5, True), "high": (5, True)}
 CHILD = """
 import json, sys, pycolmap
 options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
@@ -46,32 +43,26 @@ pycolmap.patch_match_stereo(sys.argv[1], options=options)
 TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failure
 
 
-def depth_maps(views: list[View], sources: list[list[int]], quality: str) -> list[ViewDepth]:
+def depth_maps(views: list[View], sources: list[list[int]]) -> list[ViewDepth]:
     """Compute the depth map of every view with COLMAP's PatchMatch on a CUDA device, followed by
     the same final refinement as on the CPU.
 
-    sources: for each view, the indices of the views that it is matched with. quality: "draft",
-    "normal" or "high", which sets COLMAP's iterations. Raises HandbenchError if COLMAP
-    fails.
+    sources: for each view, the indices of the views that it is matched with. Raises
+    HandbenchError if COLMAP fails.
     """
     with tempfile.TemporaryDirectory(prefix="handbench-") as scratch:
         folder = Path(scratch)
         write_workspace(folder, views, sources)
         say("depth maps: COLMAP searches on the CUDA device")
-        iterations, geometric = SEARCH[quality]
         options = {
             "depth_min": float(min(np.nanmin(view.near_m) for view in views)),
             "depth_max": float(max(np.nanmax(view.far_m) for view in views)),
             "window_radius": RADIUS,
-            "num_iterations": iterations,
-            "geom_consistency": geometric,
             "filter_min_num_consistent": 1,
         }
         search(folder, options)
-        suffix = "geometric.bin" if geometric else "photometric.bin"
         return [
-            read_maps(folder, views, i, sources[i], suffix)
-            for i in track(range(len(views)), "depth maps")
+            read_maps(folder, views, i, sources[i]) for i in track(range(len(views)), "depth maps")
         ]
 
 
@@ -86,7 +77,7 @@ def write_workspace(folder: Path, views: list[View], sources: list[list[int]]) -
         "stereo/consistency_graphs",
     ):
         (folder / part).mkdir(parents=True)
-    height, width = _size(views)
+    height, width = np.max([view.gray.shape for view in views], axis=0).tolist()
     model = pycolmap.Reconstruction()
     for i, view in enumerate(views):
         (fx, _, cx), (_, fy, cy), _ = view.K
@@ -135,52 +126,31 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         )
 
 
-def read_maps(
-    folder: Path, views: list[View], i: int, sources: list[int], suffix: str
-) -> ViewDepth:
+def read_maps(folder: Path, views: list[View], i: int, sources: list[int]) -> ViewDepth:
     """Read the depths and normals of view number i that COLMAP wrote into a workspace, and refine
-    them. sources: indices of the views that it is matched with. suffix: end of the files' names.
-    Raises HandbenchError if a file is missing or empty.
+    them. sources: indices of the views that it is matched with. Raises HandbenchError if a file is
+    missing or empty.
     """
     view, depth, normal = views[i], pycolmap.DepthMap(), pycolmap.NormalMap()
     try:
-        depth.read(folder / "stereo" / "depth_maps" / f"{_name(i)}.{suffix}")
-        normal.read(folder / "stereo" / "normal_maps" / f"{_name(i)}.{suffix}")
+        depth.read(folder / "stereo" / "depth_maps" / f"{_name(i)}.geometric.bin")
+        normal.read(folder / "stereo" / "normal_maps" / f"{_name(i)}.geometric.bin")
     except ValueError:
         raise HandbenchError(
             f"{view.name}: COLMAP wrote no depth map; free memory and disk space; {INSTEAD}"
         ) from None
-    stereo = Stereo.of(view, [views[s] for s in sources])
     h, w = view.gray.shape
-    planes = planes_through(view, depth.to_array()[:h, :w], normal.to_array()[:h, :w], stereo.unit)
-    low, high = disparity_range(view, stereo.unit)
-    low[np.isnan(planes[0])] = np.nan
-    return depth_of(view, stereo, *refine(stereo, planes, low, high, (), 0))
-
-
-def planes_through(view: View, depth_m: np.ndarray, normals: np.ndarray, unit: float) -> np.ndarray:
-    """Convert depths [h, w] (metres) and unit normals [h, w, 3] (camera frame) to each pixel's
-    plane.
-
-    unit: inverse depth (1/m) of one step of disparity. Slopes are clipped to ± STEEPEST. Returns
-    [3, h, w] float32: disparity, slope per column and slope per row; NaN for depths outside the
-    view's range and for normals that face away. The plane n·X = d has 1/z = (n·K⁻¹x)/d at pixel x.
-    """
-    depth_m = depth_m.astype(np.float64)
-    towards = (normals * view.rays()).sum(axis=-1)
-    known = (view.near_m <= depth_m) & (depth_m <= view.far_m) & (towards < 0)
-    depth_m, towards = np.where(known, depth_m, np.nan), np.where(known, towards, np.nan)
-    slopes = np.moveaxis(normals[..., :2] / view.K[[0, 1], [0, 1]], -1, 0) / (
-        depth_m * towards * unit
-    )
+    depth_m, normals = depth.to_array()[:h, :w], normal.to_array()[:h, :w].astype(float)
+    depth_m = np.where(depth_m > 0, depth_m, np.nan)
+    stereo = Stereo.of(view, [views[s] for s in sources])
+    # the plane n·X = d has 1/z = (n·K⁻¹x)/d at pixel x
+    distance = stereo.unit * depth_m * (normals * view.rays()).sum(axis=-1)
+    slopes = np.moveaxis(normals[..., :2] / view.K[[0, 1], [0, 1]], -1, 0) / distance
     slopes = np.clip(slopes, -STEEPEST, STEEPEST)
-    return np.stack([1 / (depth_m * unit), *slopes]).astype(np.float32)
-
-
-def _size(views: list[View]) -> tuple[int, int]:
-    """Return the least height and width, in pixels, of a picture into which every view fits."""
-    height, width = np.max([view.gray.shape for view in views], axis=0)
-    return int(height), int(width)
+    planes = np.stack([1 / (stereo.unit * depth_m), *slopes]).astype(np.float32)
+    low, high = disparity_range(view, stereo.unit)
+    low[~((low <= planes[0]) & (planes[0] <= high))] = np.nan
+    return depth_of(view, stereo, *refine(stereo, planes, low, high, (), 0))
 
 
 def _name(i: int) -> str:

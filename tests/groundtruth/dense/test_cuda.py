@@ -23,11 +23,11 @@ def test_maps_that_colmap_wrote_are_refined(tmp_path):
         file.parent.mkdir(parents=True)
         limits = (0.4, 0.62) if kind == "depth" else ()
         Map.from_array(values.astype(np.float32), *limits).write(file)
-    refined = cuda.read_maps(tmp_path, views, 0, sources[0], "geometric.bin")
+    refined = cuda.read_maps(tmp_path, views, 0, sources[0])
     error = np.abs(refined.depth_m - depth_m) / ball.DISPARITY_M
     assert np.isfinite(error).mean() > 0.55 and np.nanmedian(error) < 0.05
     with pytest.raises(HandbenchError, match="v1: COLMAP wrote no depth map"):
-        cuda.read_maps(tmp_path, views, 1, sources[1], "geometric.bin")
+        cuda.read_maps(tmp_path, views, 1, sources[1])
 
 
 @pytest.mark.parametrize(
@@ -55,5 +55,5 @@ def test_colmap_finds_the_sphere_on_a_gpu():
     views, depths_m, sources = ball.scene(
         [(112, 112), (104, 112), (112, 96), (96, 104), (112, 112)]
     )
-    maps = cuda.depth_maps(views, sources, "normal")
+    maps = cuda.depth_maps(views, sources)
     ball.check(maps, depths_m, known=0.55, rim=0.3, angle_deg=12, points=2500)
