@@ -106,7 +106,7 @@ def open_view(
     shrink: int,
     depth_range_m: tuple[float, float],
     box_m: np.ndarray | None,
-    mask: np.ndarray | None = None,
+    mask: np.ndarray,
 ) -> View | None:
     """Read a photograph, shrink it by the whole number `shrink`, and undo its lens distortion.
 
@@ -139,8 +139,7 @@ def open_view(
             crossings_m = (box_m[:, None, None] + R.T @ t) / (rays @ R)
         near_m, far_m = crossings_m.min(axis=0).max(axis=-1), crossings_m.max(axis=0).min(axis=-1)
         near_m = np.maximum(near_m, depth_range_m[0] / 4)  # for a camera inside the box
-    shown = np.ones((photo.height, photo.width)) if mask is None else mask
-    shown = shown[shrink // 2 :: shrink, shrink // 2 :: shrink].astype(np.uint8)
+    shown = mask[shrink // 2 :: shrink, shrink // 2 :: shrink].astype(np.uint8)
     outside = (cv2.remap(shown, columns, rows, cv2.INTER_NEAREST) == 0) | ~(near_m < far_m)
     near_m[outside] = far_m[outside] = np.nan
     if outside.all():

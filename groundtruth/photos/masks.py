@@ -13,9 +13,9 @@ ORIENTATION = 0x0112  # EXIF's tag
 TURNS = {6: 1, 8: 3}  # its value → quarter turns from the upright to the stored picture
 
 
-def read_mask(photo: Photo, folder: Path | None) -> np.ndarray | None:
+def read_mask(photo: Photo, folder: Path | None) -> np.ndarray:
     """Read the mask [height, width] of a photograph: True at the pixels that are not transparent
-    and, in the mask file in `folder` (None: there is none), not zero. None if nothing is masked.
+    and, in the mask file in `folder` (None: there is none), not zero.
 
     The file is NAME.jpg.png (as for COLMAP) or NAME.png, in the size of the photograph. If its
     sides are exchanged and EXIF data say that the picture is rotated, it belongs to the upright
@@ -35,8 +35,8 @@ def read_mask(photo: Photo, folder: Path | None) -> np.ndarray | None:
                 f"{path}: is a mask of {width} × {height} pixels, but {photo.name} has "
                 f"{photo.width} × {photo.height}; make the mask in the size of the photograph"
             )
-        mask = drawn if mask is None else mask & drawn
-    if mask is not None and not mask.any():
+        mask &= drawn
+    if not mask.any():
         raise HandbenchError(
             f"{path}: is a mask that is zero everywhere; make the pixels on the target nonzero"
         )

@@ -101,12 +101,12 @@ def read_gray(path: Path) -> np.ndarray:
     return deep if deep.ndim == 2 else cv2.cvtColor(deep[..., :3], cv2.COLOR_BGR2GRAY)
 
 
-def read_alpha(path: Path) -> np.ndarray | None:
+def read_alpha(path: Path) -> np.ndarray:
     """Read which pixels [height, width] of a picture file are not transparent: True at those whose
-    alpha is not zero. Returns None if the file has no alpha channel."""
+    alpha is not zero, and at all of a file without alpha channel."""
     with open_picture(path) as image:
         if not image.has_transparency_data:
-            return None
+            return np.ones((image.height, image.width), dtype=bool)
         return np.asarray(image.convert("RGBA").getchannel("A")) > 0
 
 
@@ -124,7 +124,7 @@ def _pictures(folder: Path) -> list[Path]:
 def _open(path: Path) -> Photo:
     gray, opaque = read_gray(path), read_alpha(path)
     height, width = gray.shape
-    seen = gray.ravel() if opaque is None else gray[opaque]
+    seen = gray[opaque]
     tones = (0.0, 1.0)
     if seen.size:
         black, white = np.quantile(seen[::SAMPLED], (DARK, BRIGHT)).tolist()

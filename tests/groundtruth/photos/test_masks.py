@@ -41,7 +41,7 @@ def test_masks_are_found_under_both_names(tmp_path, name):
 
 
 def test_an_alpha_channel_is_a_mask(tmp_path):
-    assert read_mask(photo_of(tmp_path), None) is None
+    assert read_mask(photo_of(tmp_path), None).all()
     photo = photo_of(tmp_path, LEFT)
     assert np.array_equal(read_mask(photo, None), LEFT)
     masks = write(tmp_path / "masks", "a.png", DISC)
