@@ -129,12 +129,12 @@ def _depth_map(pyramid: list[tuple[View, list[View]]], seed: int) -> ViewDepth:
         low, high = disparity_range(view, stereo.unit)
         size = low.shape[::-1]
         cost = cv2.erode(cost, np.ones((HOPEFUL_PX, HOPEFUL_PX)))
-        *planes, cost = (
+        *doubled, cost = (
             cv2.resize(part, size, interpolation=cv2.INTER_NEAREST) for part in (*planes, cost)
         )
         low[cost > HOPEFUL_COST] = np.nan
-        planes = np.stack(planes)
-        planes *= np.float32(coarse.unit / stereo.unit) / np.float32([1, 2, 2])[:, None, None]
+        finer = coarse.unit / stereo.unit * np.array([1, 0.5, 0.5])
+        planes = np.stack(doubled) * finer.astype(np.float32)[:, None, None]
         planes[0] = np.clip(planes[0], low, high)
         planes, cost, support = patchmatch.refine(stereo, planes, low, high, REACHES_PX, seed)
     return depth_of(view, stereo, planes, cost, support)
