@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from handbench.groundtruth.cameras.camera_files import cameras_in, write_model
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
@@ -133,36 +134,24 @@ def board_error_px(model: pycolmap.Reconstruction, known: Known) -> float:
     return float(np.median(off_px or [0.0]))
 
 
-def warn_of_unregistered(
-    photos: tuple[Photo, ...], model: pycolmap.Reconstruction
-) -> tuple[str, ...]:
-    """Return the names of the photographs that are not registered in a model, and print them as a
-    warning if there are any."""
-    known = {image.name for image in registered_images(model)}
-    names = tuple(photo.name for photo in photos if photo.name not in known)
+def warn_of_unregistered(photos: tuple[Photo, ...], model: pycolmap.Reconstruction) -> None:
+    """Print a warning that names the photographs that are not registered in a model, if any."""
+    registered = {image.name for image in registered_images(model)}
+    names = [photo.name for photo in photos if photo.name not in registered]
     if names:
         say(
             f"these photographs could not be registered and are not used: {', '.join(names)} (too "
             "little overlap with the others, or another scene)"
         )
-    return names
 
 
 def check_geometry(model: pycolmap.Reconstruction) -> None:
     """Raise HandbenchError if the cameras hardly moved compared with their distance to the scene.
     Such photographs can be registered but contain no depth."""
-    images = [image for image in registered_images(model) if image.num_points3D]
-    centres = np.array([image.projection_center() for image in images])
-    reach = [np.linalg.norm(centres - centre, axis=1).max() for centre in centres]
-    seen = [
-        [model.points3D[p.point3D_id].xyz for p in image.points2D if p.has_point3D()]
-        for image in images
-    ]
-    depths = [
-        np.median(np.linalg.norm(np.array(xyz) - c, axis=1))
-        for xyz, c in zip(seen, centres, strict=True)
-    ]
-    moved = np.median([far / depth for far, depth in zip(reach, depths, strict=True)] or [0])
+    centres = np.array([image.projection_center() for image in registered_images(model)])
+    points = np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3)
+    reach, depth = cdist(centres, centres).max(axis=1), cdist(centres, points)
+    moved = np.median(reach / np.median(depth, axis=1)) if len(points) else 0.0
     if moved < SMALLEST_BASELINE:
         raise HandbenchError(
             f"photographs: the cameras moved by only {moved:.2%} of the distance to the scene; "
