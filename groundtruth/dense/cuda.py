@@ -40,7 +40,6 @@ import json, sys, pycolmap
 options = pycolmap.PatchMatchOptions(**json.loads(sys.argv[2]))
 pycolmap.patch_match_stereo(sys.argv[1], options=options)
 """
-TELLING = ("Check failed", "rror")  # marks of lines with the reason of a failure
 
 
 def depth_maps(views: list[View], sources: list[list[int]]) -> list[ViewDepth]:
@@ -115,12 +114,10 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         errors="replace",
     )
     if done.returncode != 0:
-        messages = [
-            line.strip()
-            for line in done.stderr.splitlines()
-            if any(word in line for word in TELLING)
+        lines = [
+            line for line in done.stderr.splitlines() if "Check failed" in line or "rror" in line
         ]
-        reason = messages[-1] if messages else f"exit code {done.returncode}"
+        reason = lines[-1].strip() if lines else f"exit code {done.returncode}"
         raise HandbenchError(
             f"COLMAP's stereo search failed on the CUDA device ({reason}); {INSTEAD}"
         )

@@ -76,16 +76,20 @@ def refine(
     reference = cv2.copyMakeBorder(stereo.reference, *border, cv2.BORDER_REPLICATE)
     stereo = stereo._replace(reference=reference)
     wanted = low <= high
+    flat = np.zeros_like(planes)
     cost = np.where(wanted, 0, WORST)
     for step, reach in enumerate(reaches):
         if step == 0 or reach > 1:  # later, planes hardly move
-            cost, views = _best_sources(stereo, planes, np.zeros_like(planes), wanted)
-        for direction in DIRECTIONS:
-            candidate = _from_neighbour(planes, cost, direction)
-            planes, cost = _better(stereo, planes, cost, views, candidate, low, high)
-        for variation in VARIATIONS:
-            candidate = _varied(planes, reach * variation, draws)
-            planes, cost = _better(stereo, planes, cost, views, candidate, low, high)
+            cost, views = _best_sources(stereo, planes, flat, wanted)
+        for change in (*DIRECTIONS, *VARIATIONS):
+            if isinstance(change, float):
+                candidate = _varied(planes, reach * change, draws)
+            else:
+                candidate = _from_neighbour(planes, cost, change)
+            candidate[0] = np.clip(candidate[0], low, high)
+            tried = mismatches(stereo, candidate, flat, views, cost * wanted).mean(axis=0)
+            planes = np.where(tried < cost, candidate, planes)
+            cost = np.minimum(tried, cost)
     matched = cost < UNMATCHED
     planes, bends, support = smoothed(planes, matched)
     planes[0] -= (bends[0] + bends[2]) * np.float32(FLATTENED_PX2 / 2)
@@ -113,22 +117,6 @@ def _best_sources(
     mismatch = mismatches(stereo, planes, bends, every, WORST * wanted)
     best = mismatch.argsort(axis=0, kind="stable")[: max(1, count // 2)]
     return np.take_along_axis(mismatch, best, 0).mean(axis=0), best.astype(np.int8)
-
-
-def _better(
-    stereo: Stereo,
-    planes: np.ndarray,
-    cost: np.ndarray,
-    views: np.ndarray,
-    candidate: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Replace the planes and costs of pixels that a candidate plane [3, h, w] matches better."""
-    candidate[0] = np.clip(candidate[0], low, high)
-    most = np.where(low <= high, cost, 0)
-    tried = mismatches(stereo, candidate, np.zeros_like(candidate), views, most).mean(axis=0)
-    return np.where(tried < cost, candidate, planes), np.minimum(tried, cost)
 
 
 def _from_neighbour(planes: np.ndarray, cost: np.ndarray, direction: tuple[int, int]) -> np.ndarray:
