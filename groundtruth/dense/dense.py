@@ -174,9 +174,8 @@ def choose_sources(views: list[View], tracks: np.ndarray, points_m: np.ndarray) 
         use = np.exp(-(((angle - BEST_ANGLE_RAD) / spread) ** 2) / 2)
         score = (use * (1e-3 + tracks.T * tracks[:, i])).sum(axis=1)
         score[i] = -1
-        chosen.append(
-            [int(s) for s in np.argsort(-score, kind="stable")[: min(SOURCES, len(views) - 1)]]
-        )
+        best = np.argsort(-score, kind="stable")[: min(SOURCES, len(views) - 1)]
+        chosen.append(best.tolist())
     return chosen
 
 
