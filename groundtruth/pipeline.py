@@ -141,7 +141,7 @@ def measured_surface(
     target = keep_target(mesh, plane, cloud.pixel_m)
     vertices_m, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     sigma_m, observed = surface_sigma(
-        cloud, vertices_m, registered_images(sparse.model), sparse.known
+        cloud, vertices_m, registered_images(sparse.model), sparse.covariance
     )
     sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
     return Surface(vertices_m, faces, sigma_m, observed), target

@@ -6,7 +6,7 @@ towards the dark side. This module therefore converts tones to linear light and 
 to the middle of each edge's brightness slope; the lines' intersections have neither error.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ REACHES_PX = (4.0, 3.0)  # across the edge, first and second pass
 REACH = 1 / 8  # largest reach relative to the shortest side; a marker's border is 1/6 to 1/12 of it
 INNER = 0.1  # share at either end of an edge that is left out: blur mixes in the other edge
 STEP_PX = 0.5
+SAMPLES = 16  # of a projected edge
 FAINTEST = 0.5  # of the typical slope along the edge
 CLEAR = 0.6  # of the edge's length that must lie on the line
 STRAIGHT_PX = 0.25  # median distance from the line
@@ -189,3 +190,21 @@ def _crossing(
         return np.full(2, np.nan)
     (p, u), (q, v) = first, second
     return p + np.linalg.solve(np.stack([u, -v], axis=1), q - p)[0] * u
+
+
+def crossings_of_edges(
+    project: Callable[[np.ndarray], np.ndarray], square_m: np.ndarray
+) -> np.ndarray:
+    """Compute the pixels [4, 2] at which `refine_corners` finds the corners [4, 3] of a square.
+
+    project: function from points [n, 3] to pixels [n, 2]. A lens bends the edges, so the straight
+    lines through them meet a few hundredths of a pixel outside or inside of the corners, all of
+    them away from the picture's middle or towards it.
+    """
+    t = np.linspace(INNER, 1 - INNER, SAMPLES)[:, None]
+    edges = []
+    for a, b in zip(square_m, np.roll(square_m, -1, axis=0), strict=True):
+        pixels = project(a + t * (b - a))
+        middle = pixels.mean(axis=0)
+        edges.append((middle, np.linalg.svd(pixels - middle)[2][0]))
+    return np.array([_crossing(edges[k - 1], edges[k]) for k in range(4)])

@@ -10,7 +10,7 @@ depths averaged over a few pixels (`fusion.Cloud.spread_m`), because a third of 
 differs from pixel to pixel; most of the rest fades over a matching window, fastest on fine, strong
 textures.
 
-*Cameras*: the covariance of the cameras is propagated to the points (`adjust.point_covariance`).
+*Cameras*: the covariance of the cameras is propagated to the points (`point_covariance`).
 
 *Extrapolation*: where the surface continues beyond the photographed points, its slope is known only
 with the standard deviation SLOPE (1/4).
@@ -28,7 +28,7 @@ from scipy.spatial import KDTree
 from handbench.groundtruth.cameras.cameras import pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.mesh_files import mesh
-from handbench.groundtruth.sparse.adjust import CameraCovariance, point_covariance
+from handbench.groundtruth.sparse.covariance import point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SLOPE = 0.25  # standard deviation of the slope of unobserved surface
@@ -40,13 +40,13 @@ CHUNK = 1_000_000  # points times camera parameters that are worked on at once
 
 
 def surface_sigma(
-    cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", known: CameraCovariance
+    cloud: Cloud, vertices_m: np.ndarray, images: "list[pycolmap.Image]", covariance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the standard deviation [n] along the normal, metres, of a surface's vertices [n, 3],
     and the mask [n] of observed vertices (those near points of the cloud).
 
-    cloud: points that the surface was made from. images: the registered photographs; known:
-    covariance of their cameras. Included are errors of matching, of the cameras, and of
+    cloud: points that the surface was made from. images: the registered photographs; covariance
+    [d, d]: of their cameras. Included are errors of matching, of the cameras, and of
     extrapolation away from the points, but not those of matching windows.
     """
     distances_m, near = KDTree(cloud.points_m).query(
@@ -54,7 +54,8 @@ def surface_sigma(
     )
     nearest_m = distances_m[:, 0]
     beyond_m = np.maximum(nearest_m - REACH_PX * cloud.pixel_m, 0)
-    variance = (matching_variance(cloud) + camera_variance(cloud, images, known))[near].mean(axis=1)
+    variance = matching_variance(cloud) + camera_variance(cloud, images, covariance)
+    variance = variance[near].mean(axis=1)
     return np.sqrt(variance + (SLOPE * beyond_m) ** 2), nearest_m <= OBSERVED_PX * cloud.pixel_m
 
 
@@ -93,17 +94,19 @@ def matching_variance(cloud: Cloud) -> np.ndarray:
 
 
 def camera_variance(
-    cloud: Cloud, images: "list[pycolmap.Image]", known: CameraCovariance
+    cloud: Cloud, images: "list[pycolmap.Image]", covariance: np.ndarray
 ) -> np.ndarray:
     """Compute the variance [n] (m²) that the uncertainty of the cameras causes in a cloud's points
-    along their normals. images: the registered photographs; known: covariance of their cameras."""
-    images = [image for image in images if image.name in cloud.names]
-    seen = cloud.views[:, [cloud.names.index(image.name) for image in images]]
+    along their normals. images: the registered photographs; covariance [d, d]: of their cameras."""
+    seen = np.zeros((len(cloud.views), len(images)), bool)
+    for k, image in enumerate(images):
+        if image.name in cloud.names:
+            seen[:, k] = cloud.views[:, cloud.names.index(image.name)]
     variances = []
-    size = max(1, CHUNK // len(known.matrix))
+    size = max(1, CHUNK // len(covariance))
     for first in range(0, len(cloud.points_m), size):
         part = slice(first, first + size)
-        covariance = point_covariance(images, known, cloud.points_m[part], seen[part])
+        of_points = point_covariance(images, covariance, cloud.points_m[part], seen[part])
         normals = cloud.normals[part]
-        variances.append(np.einsum("na,nab,nb->n", normals, covariance, normals))
+        variances.append(np.einsum("na,nab,nb->n", normals, of_points, normals))
     return np.concatenate(variances)

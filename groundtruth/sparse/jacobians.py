@@ -16,14 +16,13 @@ def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
 
 
 def pixel_jacobians(
-    image: "pycolmap.Image", points_m: np.ndarray, free: tuple[int, ...]
+    image: "pycolmap.Image", points_m: np.ndarray, lens: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the derivatives of the pixels at which a photograph shows points [n, 3].
 
-    free: indices of k intrinsics among COLMAP's parameters. Returns the derivatives with respect to
-    the point [n, 2, 3], and those with respect to the camera [n, 2, 6 + k]: translation and
-    rotation of the pose, then the k intrinsics. Derivatives of the projection are central
-    differences.
+    Returns the derivatives with respect to the point [n, 2, 3], and those with respect to the
+    camera [n, 2, 6 + lens]: translation and rotation of the pose, then the first `lens` of COLMAP's
+    parameters. Derivatives of the projection are central differences.
     """
     camera, x = camera_in(image), _in_camera(image, points_m)
     by_x = np.empty((len(x), 2, 3))
@@ -33,13 +32,13 @@ def pixel_jacobians(
         by_x[..., axis] = (_pixels(camera, x + step) - _pixels(camera, x - step)) / (
             2 * step[:, axis, None]
         )
-    by_camera = np.empty((len(x), 2, POSE + len(free)))
+    by_camera = np.empty((len(x), 2, POSE + lens))
     by_camera[..., :3] = by_x
     by_camera[..., 3:6] = -np.cross(by_x, x[:, None, :])  # d(ω × x) = −[x]× dω
-    for column, k in enumerate(free, start=POSE):
+    for k in range(lens):
         step = STEP * max(abs(camera.params[k]), 1.0)
         ahead, behind = (_pixels(_moved(camera, k, s), x) for s in (step, -step))
-        by_camera[..., column] = (ahead - behind) / (2 * step)
+        by_camera[..., POSE + k] = (ahead - behind) / (2 * step)
     return by_x @ image.cam_from_world().rotation.matrix(), by_camera
 
 

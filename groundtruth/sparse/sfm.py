@@ -9,8 +9,6 @@ seed gives the same poses.
 from collections import defaultdict
 from pathlib import Path
 
-import numpy as np
-
 from handbench.groundtruth.board.markers import focal_length_px
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
 from handbench.groundtruth.options import Lenses
@@ -171,21 +169,6 @@ def keep_agreeing_matches(database: Path, posed: "pycolmap.Reconstruction") -> f
     pycolmap.guided_geometric_verification(posed, database, num_threads=1)
     with pycolmap.Database.open(database) as stored:
         return stored.num_inlier_matches() / before if before else 1.0
-
-
-def scales_px(database: Path) -> dict[str, np.ndarray]:
-    """Read the scales of all features from a COLMAP database: for each photograph's name an array
-    [n] of scales, which are the standard deviations in pixels of the blur at which the features
-    were found."""
-    with pycolmap.Database.open(database) as stored:
-        keypoints = {
-            image.name: stored.read_keypoints(image.image_id) for image in stored.read_all_images()
-        }
-    # x, y and the shape [2, 2], a turned multiple of the unit matrix
-    return {
-        name: np.sqrt(np.abs(np.linalg.det(k[:, 2:6].reshape(-1, 2, 2))))
-        for name, k in keypoints.items()
-    }
 
 
 def structure_from_motion(

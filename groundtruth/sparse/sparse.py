@@ -14,18 +14,14 @@ from handbench.groundtruth.cameras.camera_files import cameras_in, write_model
 from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
 from handbench.groundtruth.options import Lenses, SparseOptions
 from handbench.groundtruth.photos.photos import FEWEST, Photo
-from handbench.groundtruth.sparse.adjust import CameraCovariance, adjust, camera_covariance
-from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, poses_from_model
 from handbench.groundtruth.sparse.inputs import Known
-from handbench.groundtruth.sparse.sfm import (
-    DATABASE,
-    scales_px,
-    structure_from_motion,
-    triangulate_known_poses,
-)
+from handbench.groundtruth.sparse.sfm import structure_from_motion, triangulate_known_poses
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, write_json
+from handbench.support.files import read_json, read_npz, write_json, write_npz
+from handbench.support.limits import KEPT_BYTES
 from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"
@@ -34,7 +30,7 @@ SMALLEST_BASELINE = 0.03  # distance between cameras over distance to the scene
 # they must lower it
 SUSPICIOUS_PX = 0.5
 FAR_BETTER = 2.0
-INTRINSICS = tuple(range(8))  # places among the parameters of COLMAP's camera OPENCV
+INTRINSICS = 8  # parameters of COLMAP's lens model OPENCV
 
 
 @dataclass(frozen=True)
@@ -42,25 +38,26 @@ class Sparse:
     """Result of the sparse stage.
 
     model: COLMAP model with the registered cameras and the points. scale: where its metric scale
-    comes from. known: joint covariance of its cameras.
+    comes from. covariance [d, d]: joint covariance of its cameras' parameters.
     """
 
     model: pycolmap.Reconstruction
     scale: Scale
-    known: CameraCovariance
+    covariance: np.ndarray
 
     def save(self, folder: Path) -> None:
         """Write model, scale and covariance into a folder."""
         write_model(self.model, folder)
         write_json(folder / SCALE, asdict(self.scale))
-        self.known.save(folder / COVARIANCE)
+        write_npz(folder / COVARIANCE, matrix=self.covariance)
 
     @classmethod
     def load(cls, folder: Path) -> Sparse:
         """Read a result from a folder into which `save` wrote it."""
         model = pycolmap.Reconstruction(str(folder))
         scale = Scale(**read_json(folder / SCALE, "a sparse stage's scale"))
-        return cls(model, scale, CameraCovariance.load(folder / COVARIANCE))
+        arrays = read_npz(folder / COVARIANCE, ("matrix",), most=KEPT_BYTES)
+        return cls(model, scale, arrays["matrix"])
 
     def cameras(self) -> tuple[Camera, ...]:
         """Return the cameras of the registered photographs, with lens and pose, sorted by name."""
@@ -106,19 +103,17 @@ def _solved(known: Known, lenses: Lenses, seed: int) -> Sparse:
             model = triangulate_known_poses(known, Path(scratch), seed)
         else:
             model = structure_from_motion(known, Path(scratch), lenses, seed)
-        scales = scales_px(Path(scratch) / DATABASE)
     warn_of_unregistered(known.photos, model)
     check_geometry(model)
-    board = known.board
-    free = () if known.cameras else _all_free(model)
-    seen = (known.corners, {} if board is None else board.corners_m(), free, scales)
+    board, lens = known.board, 0 if known.cameras else _all_free(model)
+    seen = (known.corners, {} if board is None else board.corners_m(), lens)
     if board is not None:
         scale = _to_metric_frame(model, known)
     if not known.posed or not (known.metric or board is None):
         adjust(model, *seen)
     if board is None:
         scale = _to_metric_frame(model, known)
-    return Sparse(model, scale, camera_covariance(Bundle(model, *seen), scale))
+    return Sparse(model, scale, camera_covariance(model, *seen, scale))
 
 
 def board_error_px(model: pycolmap.Reconstruction, known: Known) -> float:
@@ -160,9 +155,9 @@ def check_geometry(model: pycolmap.Reconstruction) -> None:
         )
 
 
-def _all_free(model: pycolmap.Reconstruction) -> tuple[int, ...]:
+def _all_free(model: pycolmap.Reconstruction) -> int:
     """Convert a model's cameras from COLMAP's lens model RADIAL to OPENCV, in place. Returns the
-    indices of all parameters, which are to be estimated."""
+    number of its parameters, which are to be estimated."""
     for camera in model.cameras.values():
         f, cx, cy, k1, k2 = camera.params
         camera.model = pycolmap.CameraModelId.OPENCV

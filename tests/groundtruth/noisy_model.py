@@ -7,11 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.board.board import Board, Marker
-from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.board.markers import crossings_of_edges
+from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
 from handbench.groundtruth.photos.photos import Photo
-from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
-from handbench.groundtruth.sparse.bundle import Bundle
+from handbench.groundtruth.sparse.adjust import adjust
+from handbench.groundtruth.sparse.covariance import camera_covariance
 from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.normal import parameter_places
 
 WIDTH, HEIGHT = 400, 300
 PARAMS = (
@@ -30,7 +32,7 @@ MARKERS_M = ((-0.10, -0.07), (0.07, -0.07), (0.07, 0.05), (-0.10, 0.05), (0.0, 0
 
 
 class Noisy(NamedTuple):
-    """A model whose poses and points are a little off; corners as `Bundle` takes them; the true
+    """A model whose poses and points are a little off; corners as `adjust` takes them; the true
     poses (R, t), points [n, 3] and intrinsics."""
 
     model: object
@@ -40,18 +42,22 @@ class Noisy(NamedTuple):
     points_m: np.ndarray
     params: tuple
 
-    def error(self, bundle):
-        """Errors [d] of a bundle's parameters, in its own parametrisation: x → x + τ + ω × x."""
-        error = np.zeros(bundle.size)
-        for image in bundle.images:
+    def covariance(self, lens=0):
+        """The covariance of the cameras as they stand."""
+        return camera_covariance(self.model, self.corners, self.corners_m, lens, Scale("board"))
+
+    def error(self, lens=0):
+        """Errors [d] of the parameters, `lens` of them intrinsics: x → x + τ + ω × x."""
+        images = registered_images(self.model)
+        places = parameter_places(images, lens)
+        error = np.zeros(1 + max(place.max() for place in places))
+        for image, place in zip(images, places, strict=True):
             R, t = self.poses[image.name]
             pose = image.cam_from_world()
             turn = pose.rotation.matrix() @ R.T
             omega = Rotation.from_matrix(turn).as_rotvec()
             params = np.array(image.camera.params) - self.params
-            error[bundle.place[image.name]] = np.r_[
-                pose.translation - turn @ t, omega, params[list(bundle.free)]
-            ]
+            error[place] = np.r_[pose.translation - turn @ t, omega, params[:lens]]
         return error
 
 
@@ -102,11 +108,13 @@ def noisy_model(
         R = (Rotation.from_rotvec(roll) * towards).as_matrix()
         t, name = -R @ centre, f"p{i}.png"
 
-        def look(at_m, noise_px, camera=camera, R=R, t=t):
-            exact = np.asarray(camera.img_from_cam(at_m @ R.T + t))
+        def look(at_m, camera=camera, R=R, t=t):
+            return np.asarray(camera.img_from_cam(at_m @ R.T + t))
+
+        def noisy(exact, noise_px):
             return exact + random.normal(0, noise * noise_px, exact.shape)
 
-        pixels = look(points_m, FEATURE_PX)
+        pixels = noisy(look(points_m), FEATURE_PX)
         seen = [k for k in range(points) if seen_by is None or (i - k) % views < seen_by]
         for place, k in enumerate(seen):
             tracks[k].append(colmap.TrackElement(i + 1, place))
@@ -118,9 +126,9 @@ def noisy_model(
         model.add_image_with_trivial_frame(image, start)
         poses[name] = (R, t)
         corners[name] = {
-            (m, k): look(c[None], CORNER_PX)[0]
-            for m in corners_m
-            for k, c in enumerate(corners_m[m])
+            (m, k): pixel
+            for m, square_m in corners_m.items()
+            for k, pixel in enumerate(noisy(crossings_of_edges(look, square_m), CORNER_PX))
         }
     for point, elements in zip(points_m, tracks, strict=True):
         model.add_point3D(
@@ -140,18 +148,17 @@ def photos_of(model, width=WIDTH, height=HEIGHT):
     return tuple(Photo(None, name, width, height) for name in names)
 
 
-def adjusted(scene, free=()):
-    """The bundle after the adjustment, and the covariance of its parameters."""
-    adjust(scene.model, scene.corners, scene.corners_m, free)
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m, free)
-    return bundle, camera_covariance(bundle, Scale("board"))
+def adjusted(scene, lens=0):
+    """The covariance of the cameras after the adjustment."""
+    adjust(scene.model, scene.corners, scene.corners_m, lens)
+    return scene.covariance(lens)
 
 
-def off_in_sigmas(scene, free=()):
+def off_in_sigmas(scene, lens=0):
     """Largest error of a camera's parameter after the adjustment, in its own standard
     deviations."""
-    bundle, known = adjusted(scene, free)
-    return (np.abs(scene.error(bundle)) / np.sqrt(np.diag(known.matrix))).max()
+    covariance = adjusted(scene, lens)
+    return (np.abs(scene.error(lens)) / np.sqrt(np.diag(covariance))).max()
 
 
 def poses_of(model):

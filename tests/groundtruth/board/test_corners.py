@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from handbench.groundtruth.board.markers import refine_corners, to_light
+from handbench.groundtruth.board.markers import crossings_of_edges, refine_corners, to_light
 
 FINE = 8  # sub-pixels of the drawing
 QUAD = np.array(
@@ -12,9 +12,15 @@ QUAD = np.array(
 )  # clockwise, as indices
 
 
-def drawing(blur_px=1.0, cover=None):
-    """A dark square on white as light [200, 220] float32."""
+def straight(pixels, bend):
+    """Places [..., 2] of pixels without the lens: farther from the origin by bend r²."""
+    return pixels * (1 + bend * (pixels**2).sum(axis=-1, keepdims=True))
+
+
+def drawing(blur_px=1.0, cover=None, bend=0.0):
+    """A dark square on white as light [200, 220] float32. bend: of a lens, as in `straight`."""
     y, x = (np.mgrid[: 200 * FINE, : 220 * FINE] + 0.5) / FINE - 0.5
+    x, y = straight(np.stack([x, y], axis=-1), bend).transpose(2, 0, 1)
     edges = zip(QUAD, np.roll(QUAD, -1, axis=0) - QUAD, strict=True)
     inside = [along[0] * (y - a[1]) > along[1] * (x - a[0]) for a, along in edges]
     large = np.where(np.all(inside, axis=0), 0.03, 0.8).astype(np.float32)
@@ -50,3 +56,18 @@ def test_corners_beside_a_covered_edge_are_left_out():
     corners = refine_corners(drawing(cover=(125, 160, 60, 130)), QUAD)  # most of the lower edge
     assert np.isnan(corners[2:]).all()
     assert np.linalg.norm(corners[:2] - QUAD[:2], axis=1).max() < 0.08
+
+
+def test_corners_of_edges_that_a_lens_bends_are_where_it_is_predicted():
+    bend = 2e-6
+
+    def project(places):
+        pixels = places
+        for _ in range(100):
+            pixels = places / (1 + bend * (pixels**2).sum(axis=-1, keepdims=True))
+        return pixels
+
+    predicted = crossings_of_edges(project, QUAD)
+    assert np.linalg.norm(predicted - project(QUAD), axis=1).max() > 0.3
+    found = refine_corners(drawing(bend=bend), project(QUAD))
+    assert np.linalg.norm(found - predicted, axis=1).max() < 0.08

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
+from handbench.groundtruth.cameras.cameras import registered_images
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.uncertainty import (
     NEIGHBOURS,
@@ -18,9 +19,7 @@ from handbench.groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
-from handbench.groundtruth.sparse.adjust import camera_covariance, point_covariance
-from handbench.groundtruth.sparse.bundle import Bundle
-from handbench.groundtruth.sparse.frame import Scale
+from handbench.groundtruth.sparse.covariance import point_covariance
 from tests.groundtruth.noisy_model import noisy_model
 
 PIXEL_M = 1e-3
@@ -41,9 +40,8 @@ def plate(spread_m=1e-4, views=5):
 def cameras():
     """Photographs and their covariance, and the same photographs known exactly."""
     scene = noisy_model()
-    bundle = Bundle(scene.model, scene.corners, scene.corners_m)
-    known = camera_covariance(bundle, Scale("board"))
-    return scene, bundle.images, known, replace(known, matrix=0 * known.matrix)
+    known = scene.covariance()
+    return scene, registered_images(scene.model), known, 0 * known
 
 
 def test_cameras_count_along_the_normal(cameras):
@@ -54,7 +52,7 @@ def test_cameras_count_along_the_normal(cameras):
         cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)), views=cloud.views.copy()
     )
     cloud.views[::2, 1] = False
-    variance = camera_variance(cloud, images[::-1], known)  # named, not counted
+    variance = camera_variance(cloud, images, known)
     for i in (0, 1, 480):
         [covariance] = point_covariance(images, known, cloud.points_m[[i]], cloud.views[[i]])
         assert variance[i] == pytest.approx(tilted @ covariance @ tilted, rel=1e-9)

@@ -13,7 +13,7 @@ from handbench.groundtruth.sparse.frame import board_from_model
 from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import board_of, noisy_model, off_in_sigmas
 
-KNOWN, FREE = (), tuple(range(8))  # parameters of the lens that are adjusted too
+KNOWN, FREE = 0, 8  # parameters of the lens that are adjusted too
 
 
 @pytest.mark.parametrize("free", [KNOWN, FREE], ids=["known", "free"])
