@@ -28,7 +28,7 @@ def camera_covariance(
     constraint).
     """
     with one_blas_thread():  # sums over threads would not repeat bit for bit
-        matrix, _ = normal_equations(model, corners, corners_m, lens)
+        matrix = normal_equations(model, corners, corners_m, lens).information
         if scale.source == "poses" and scale.residual_m:
             for place in parameter_places(registered_images(model), lens):
                 # the centre −Rᵀt moves by −Rᵀτ: any τ by as much
@@ -68,4 +68,5 @@ def point_covariance(
             "nia,nib->nab", by_point, by_camera
         )
     shift = np.linalg.pinv(information, rcond=NOT_SEEN, hermitian=True) @ moved
-    return shift @ of_cameras @ np.swapaxes(shift, -1, -2)
+    spread = (shift.reshape(-1, len(of_cameras)) @ of_cameras).reshape(shift.shape)
+    return spread @ np.swapaxes(shift, -1, -2)

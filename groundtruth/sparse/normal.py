@@ -48,6 +48,27 @@ class Observations(NamedTuple):
     off_px: np.ndarray
 
 
+class NormalEquations(NamedTuple):
+    """Normal equations of a bundle adjustment with cameras of d parameters and n points.
+
+    information [d, d]: of all cameras (inverse covariance), and right [d]: its right side, from
+    which the points are eliminated. numbers [n]: of the points in the model; inverses [n, 3, 3],
+    coupling [n, d, 3] and points_right [n, 3]: their part.
+    """
+
+    information: np.ndarray
+    right: np.ndarray
+    numbers: np.ndarray
+    inverses: np.ndarray
+    coupling: np.ndarray
+    points_right: np.ndarray
+
+    def points_step(self, step: np.ndarray) -> np.ndarray:
+        """Return the step [n, 3] of the points that belongs to a step [d] of the cameras."""
+        caused = np.einsum("pdi,d->pi", self.coupling, step)
+        return np.asarray(np.einsum("pij,pj->pi", self.inverses, self.points_right - caused))
+
+
 def parameter_places(images: "list[pycolmap.Image]", lens: int) -> list[np.ndarray]:
     """Return the indices of each photograph's parameters among those of all cameras: six of its
     pose, then `lens` intrinsics, which photographs with the same camera share."""
@@ -64,9 +85,8 @@ def normal_equations(
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
     lens: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the joint information matrix [d, d] (inverse covariance) of all cameras, from which
-    the points are eliminated, and the right side [d] of the normal equations.
+) -> NormalEquations:
+    """Compute the normal equations of the adjustment of all cameras and points.
 
     corners: pixels of the board's corners, by the photograph's name. corners_m: positions of the
     corners on the board, by marker. lens: number of intrinsics that are estimated, 0 or the 8 of
@@ -103,9 +123,12 @@ def normal_equations(
             slope, off = _lens_prior(camera_in(image))
             matrix[np.ix_(columns, columns)] += slope.T @ slope
             right[columns] += slope.T @ off
-    eliminated = coupling @ np.linalg.pinv(points, rcond=NOT_SEEN, hermitian=True)
+    inverses = np.linalg.pinv(points, rcond=NOT_SEEN, hermitian=True)
+    eliminated = coupling @ inverses
     rows = [np.swapaxes(part, 1, 2).reshape(-1, size) for part in (eliminated, coupling)]
-    return matrix - rows[0].T @ rows[1], right - np.einsum("pdi,pi->d", eliminated, points_right)
+    matrix -= rows[0].T @ rows[1]
+    right -= np.einsum("pdi,pi->d", eliminated, points_right)
+    return NormalEquations(matrix, right, numbers, inverses, coupling, points_right)
 
 
 def _lens_prior(camera: "pycolmap.Camera") -> tuple[np.ndarray, np.ndarray]:

@@ -42,7 +42,7 @@ def test_errors_of_cameras_are_as_large_as_promised(lens, shared):
 
 def test_without_a_board_seven_freedoms_are_left_out_and_nothing_else():
     scene = noisy_model()
-    matrix, _ = normal_equations(scene.model, {}, {}, 0)
+    matrix = normal_equations(scene.model, {}, {}, 0).information
     covariance = camera_covariance(scene.model, {}, {}, 0, Scale("none"))
     rank = np.linalg.matrix_rank(covariance, tol=1e-9 * np.trace(covariance), hermitian=True)
     assert rank == 5 * 6 - 7
