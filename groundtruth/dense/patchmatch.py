@@ -30,8 +30,8 @@ SAMPLES = len(NEARNESS)
 # mean square distance of the window's pixels along an axis
 FLATTENED_PX2 = float((NEARNESS * ROW**2).sum() / NEARNESS.sum())
 DIRECTIONS = ((-1, 0), (1, 0), (0, -1), (0, 1))
-DISTANCES_PX = (1, 2, 3)  # of neighbours in a direction, of which the best matched one counts
-VARIATIONS = (1.0, 0.5, 0.25)  # of the disparity, as parts of the largest one
+DISTANCES_PX = (1, 3)  # of neighbours in a direction, of which the best matched one counts
+VARIATIONS = (1.0, 0.4)  # of the disparity, as parts of the largest one
 TILT = 0.3  # variation of a slope, as a part of that of the disparity; the largest one
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
 # of the neighbours that smooth a pixel's plane, every second one: standard deviation of their
