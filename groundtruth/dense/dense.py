@@ -121,7 +121,7 @@ def _depth_map(pyramid: list[tuple[View, list[View]]], seed: int) -> ViewDepth:
     low, high = disparity_range(view, stereo.unit)
     noise = np.random.default_rng(seed).random(low.shape, np.float32)
     planes = np.stack([low + noise * (high - low), 0 * low, 0 * low])
-    widest = np.nanmax(high - low)
+    widest = np.nanmax(high - low, initial=0)
     reaches = (widest * 0.5 ** np.arange(1 + np.log2(1 + widest))).tolist()
     planes, cost, support = patchmatch.refine(stereo, planes, low, high, reaches, seed)
     for view, others in pyramid[1:]:

@@ -1,6 +1,6 @@
 """Views: photographs that are undistorted, cropped and shrunk for dense matching.
 
-Depth is measured along the camera's z axis. Plane sweep and PatchMatch use inverse depth ω = 1/z:
+Depth is measured along the camera's z axis. PatchMatch uses inverse depth ω = 1/z:
 on a plane in space, ω is exactly an affine function of the pixel, and a pixel x moves along a line
 in a source view as ω changes: x_source ~ A x + b ω (Hartley & Zisserman, section 13.1).
 """

@@ -61,7 +61,8 @@ def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
     surface.remove_duplicated_triangles()
     surface.remove_non_manifold_edges()
     surface.remove_unreferenced_vertices()
-    longest_m = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
+    vertices_m = np.asarray(surface.vertices)
+    longest_m = float(np.ptp(vertices_m, axis=0).max()) if len(vertices_m) else 0.0
     if not SMALLEST_M < longest_m < LONGEST_M:
         raise HandbenchError(
             f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m; "

@@ -1,4 +1,4 @@
-"""Bundle adjustment of a model in the board's frame.
+"""Bundle adjustment of a model, with the board's corners if there are any.
 
 Cameras and points move by Gauss–Newton steps with the normal equations of `normal`, which have what
 COLMAP's own adjustment has not: weights of the board's corners and priors of the lenses. At the end
@@ -11,6 +11,7 @@ from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registere
 from handbench.groundtruth.sparse.covariance import pseudo_inverse
 from handbench.groundtruth.sparse.normal import normal_equations, parameter_places
 from handbench.support.parallel import one_blas_thread
+from handbench.support.progress import say
 
 MOST_STEPS = 50
 SETTLED = 0.1  # standard deviations, in any direction: a step below it is the last
@@ -26,7 +27,7 @@ def adjust(
 ) -> None:
     """Improve the cameras and points of a model by bundle adjustment, in place.
 
-    model: already close to the board's frame. corners: pixels of the board's corners, by the
+    model: with a board, already close to its frame. corners: pixels of the board's corners, by the
     photograph's name. corners_m: positions of the corners on the board, by marker. lens: number of
     intrinsics to estimate, 0 or the 8 of COLMAP's lens model OPENCV.
     """
@@ -39,6 +40,8 @@ def adjust(
             model.points3D[number].xyz += shift
         if equations.right @ step < SETTLED**2:
             break
+    else:
+        say(f"adjustment: the cameras still move after {MOST_STEPS} steps; they may be wrong")
     _move_points(model)
 
 

@@ -32,7 +32,7 @@ class Scale:
     fit (None: unknown).
     """
 
-    source: Literal["board", "poses", "model", "none"]
+    source: Literal["board", "poses", "none"]
     features: int = 0
     used: int = 0
     residual_m: float | None = None

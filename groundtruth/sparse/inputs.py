@@ -76,7 +76,7 @@ def gather(folder: Path, options: SparseOptions) -> Known:
             "or give --unscaled for a mesh of arbitrary size"
         )
     if described is None:
-        return Known(photos, cameras, metric)
+        return Known(photos, cameras, metric and not options.unscaled)
     board = load_board(described)
     corners = {photo.name: detect_corners(photo, board) for photo in track(photos, "markers")}
     return Known(photos, cameras, metric, board, require_board(corners, board))

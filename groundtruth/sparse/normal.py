@@ -164,13 +164,16 @@ def _corners(
     image: "pycolmap.Image", corners: Corners, corners_m: dict[int, np.ndarray]
 ) -> Observations:
     """Collect a photograph's corners. Those of markers are compared with the crossings of lines
-    through the edges that its lens bends, as they were found."""
+    through the edges that its lens bends, as they were found. Markers behind the camera are left
+    out."""
     expected_px = {
         marker: project(image, corners_m[marker])
         if marker == CHESSBOARD
         else crossings_of_edges(partial(project, image), corners_m[marker])
         for marker in {marker for marker, _ in corners}
+        if np.isfinite(project(image, corners_m[marker])).all()
     }
+    corners = {corner: pixel for corner, pixel in corners.items() if corner[0] in expected_px}
     at_m = np.reshape([corners_m[marker][k] for marker, k in corners], (-1, 3))
     off_px = np.reshape([p - expected_px[m][k] for (m, k), p in corners.items()], (-1, 2))
     return Observations(image, None, at_m, off_px)

@@ -188,7 +188,7 @@ def structure_from_motion(
     say("registering")
     pictures, best = named_pictures(photos, folder), pycolmap.Reconstruction()
     for attempt in range(ATTEMPTS):
-        options = pipeline_options(seed + attempt)
+        options = pipeline_options((seed + attempt) % 2**31)
         options.min_model_size, options.multiple_models = FEWEST, False
         options.ba_local_function_tolerance = options.ba_global_function_tolerance = CONVERGED
         options.ba_refine_focal_length = options.mapper.abs_pose_refine_focal_length = free_focal

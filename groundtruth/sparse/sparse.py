@@ -82,7 +82,11 @@ def register(known: Known, options: SparseOptions) -> Sparse:
     shared_px = board_error_px(shared.model, known)
     if not may_differ or shared_px < SUSPICIOUS_PX:
         return shared
-    apart = _solved(known, "each", options.seed)
+    try:
+        apart = _solved(known, "each", options.seed)
+    except HandbenchError as error:
+        say(f"lenses: the board's corners are {shared_px:.2f} px off, but {error}")
+        return shared
     apart_px = board_error_px(apart.model, known)
     better = FAR_BETTER * apart_px < shared_px and len(apart.cameras()) >= len(shared.cameras())
     say(

@@ -85,7 +85,9 @@ def _developed(path: Path) -> Image.Image:
     white."""
     rawpy = _package("rawpy", "raw", path)
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(io.BytesIO(read_bytes(path, "a photograph", PICTURE_BYTES))) as raw:
+            if raw.sizes.raw_width * raw.sizes.raw_height > LARGEST_PX:
+                raise OSError("too many pixels")
             return Image.fromarray(raw.postprocess(use_camera_wb=True, user_flip=0, gamma=SRGB))
     except (OSError, rawpy.LibRawError) as error:
         raise HandbenchError(f"{path}: is not a readable RAW file; replace or remove it") from error

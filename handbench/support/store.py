@@ -38,6 +38,9 @@ LIBRARIES = (
     "pycolmap",
     "opencv-contrib-python-headless",
     "h5py",
+    "pillow",
+    "pillow-heif",
+    "rawpy",
 )
 
 

@@ -68,7 +68,7 @@ def test_the_sparse_stage_comes_back(tmp_path):
 
 @pytest.mark.slow
 def test_the_command_goes_on_from_its_stages(tmp_path, capsys):
-    """Real photographs, real stages: COLMAP, plane sweep, Poisson."""
+    """Real photographs, real stages: COLMAP, PatchMatch, Poisson."""
     photos, out, work = (tmp_path / name for name in ("photos", "mesh.ply", "work"))
     photos.mkdir()
     photograph(photos)

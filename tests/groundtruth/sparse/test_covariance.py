@@ -52,6 +52,16 @@ def test_without_a_board_seven_freedoms_are_left_out_and_nothing_else():
         np.testing.assert_allclose(a @ b @ a, a, atol=1e-8 * np.abs(a).max())
 
 
+def test_a_board_behind_a_camera_is_left_out():
+    scene = noisy_model()
+    image = registered_images(scene.model)[0]
+    turned = pycolmap.Rigid3d(pycolmap.Rotation3d(np.array([0, np.pi, 0])), np.zeros(3))
+    set_pose(image, turned * image.cam_from_world())
+    equations = normal_equations(scene.model, scene.corners, scene.corners_m, 0)
+    assert np.isfinite(equations.information).all()
+    assert not equations.information[:6].any()  # nothing tells of this camera
+
+
 def test_known_poses_hold_the_frame_to_what_they_miss():
     """The mean of five centres, each known to 2 mm along each axis, is known to 2/√5 mm: no feature
     tells of it."""
@@ -64,7 +74,7 @@ def test_known_poses_hold_the_frame_to_what_they_miss():
     for place, slope in zip(parameter_places(images, 0), by_tau, strict=True):
         mean[:, place[:3]] = slope
     np.testing.assert_allclose(mean @ covariance @ mean.T, 2e-3**2 / 5 * np.eye(3), atol=1e-10)
-    free = camera_covariance(scene.model, {}, {}, 0, Scale("model"))
+    free = camera_covariance(scene.model, {}, {}, 0, Scale("none"))
     assert np.trace(free) < np.trace(covariance)
 
 
