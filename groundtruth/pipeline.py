@@ -31,12 +31,12 @@ from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_b
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import SHRINK, DenseOptions, Options, Region, SparseOptions
 from handbench.groundtruth.photos.masks import read_mask
-from handbench.groundtruth.photos.photos import Photo, find_photos
+from handbench.groundtruth.photos.photos import Photo, find_photos, photo_paths
 from handbench.groundtruth.sparse.inputs import files_given, gather
 from handbench.groundtruth.sparse.sparse import Sparse, register
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, content_hash, read_json, write_json
+from handbench.support.files import atomic_folder, content_hash, one_form, read_json, write_json
 from handbench.support.pictures import open_picture
 from handbench.support.progress import counted, say
 from handbench.support.store import Input, Stage, cached, stage
@@ -150,7 +150,7 @@ def measured_surface(
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
     """Write the photograph of one camera to `file` as JPEG, cropped to the part that shows the box
     [2, 3] in the photo frame (None: not cropped). photos: folder of the photographs."""
-    path = next(photo.path for photo in find_photos(photos) if photo.name == camera.name)
+    path = next(path for path in photo_paths(photos) if one_form(path.name) == camera.name)
     with open_picture(path) as image:
         if box_m is not None:
             corners = camera.project(np.array(list(product(*box_m.T))))

@@ -61,12 +61,18 @@ class Photo:
 
 
 def find_photos(folder: str | Path) -> tuple[Photo, ...]:
-    """Find the photographs in `folder` or, if it has none, in `folder/images`, sorted by name. Of a
-    RAW file and another one of the same name, the other one is used.
+    """Find the photographs at `photo_paths(folder)`.
 
     Each photograph is decoded once, so that a broken file is reported before any work starts.
     Raises HandbenchError for a broken file, and if there are fewer than three photographs.
     """
+    return tuple(_open(path) for path in photo_paths(folder))
+
+
+def photo_paths(folder: str | Path) -> list[Path]:
+    """List the photographs in `folder` or, if it has none, in `folder/images`, sorted by name. Of a
+    RAW file and another one of the same name, the other one is used. Raises HandbenchError if there
+    are fewer than three."""
     folder = require_folder(folder, "photographs")
     paths = _pictures(folder) or _pictures(folder / "images")
     if len(paths) < FEWEST:
@@ -74,7 +80,7 @@ def find_photos(folder: str | Path) -> tuple[Photo, ...]:
             f"{folder}: found only {len(paths)} photographs ({', '.join(SUFFIXES)}) in it and in "
             f"images/; expected at least {FEWEST}; 5 to 12 from different sides are good"
         )
-    return tuple(_open(path) for path in paths)
+    return paths
 
 
 def read_gray(path: Path) -> np.ndarray:

@@ -166,12 +166,13 @@ def _corners(
     """Collect a photograph's corners. Those of markers are compared with the crossings of lines
     through the edges that its lens bends, as they were found. Markers behind the camera are left
     out."""
+    shown_px = {marker: project(image, corners_m[marker]) for marker in {m for m, _ in corners}}
     expected_px = {
-        marker: project(image, corners_m[marker])
+        marker: pixels
         if marker == CHESSBOARD
         else crossings_of_edges(partial(project, image), corners_m[marker])
-        for marker in {marker for marker, _ in corners}
-        if np.isfinite(project(image, corners_m[marker])).all()
+        for marker, pixels in shown_px.items()
+        if np.isfinite(pixels).all()
     }
     corners = {corner: pixel for corner, pixel in corners.items() if corner[0] in expected_px}
     at_m = np.reshape([corners_m[marker][k] for marker, k in corners], (-1, 3))

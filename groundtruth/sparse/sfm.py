@@ -90,10 +90,10 @@ def find_features(known: Known, database: Path, lenses: Lenses = "auto", seed: i
     # before the features, since these come in the order in which threads are done
     import_photographs(known.photos, pictures, database, "each" if known.cameras else lenses)
     octaves = defaultdict(list)
+    held = bool(known.cameras) and known.board is not None
     for photo in known.photos:
         # octave −1 is that of twice the size, 1 that of half of it
         side_px = max(photo.width, photo.height)
-        held = bool(known.cameras) and known.board is not None
         octaves[-1 if side_px < SMALL_PX else int(held and side_px >= LARGE_PX)].append(photo.name)
     for octave, names in octaves.items():
         options = pycolmap.FeatureExtractionOptions(max_image_size=LONGEST_SIDE_PX)
