@@ -44,11 +44,10 @@ TASKS: Schema = {  # tasks.csv: one stage of one capture a line
     "cpu_seconds": float,  # time of all cores
     "peak_memory_mb": float,  # largest memory
     "cached": bool,  # the time is an earlier run's
-    "plan_seconds": float,  # what the first image of a geometry took longer, with its certificate
+    "plan_seconds": float,  # what the first image of a geometry took longer
     "host": str,  # the machine that did it
     "gemm_gflops": float,  # that machine's rate of float32 matrix products
     "others_cores": float,  # cores that other work took meanwhile
-    "image_error": float,  # relative error of frame 0's images, at most, by their certificate
 }
 SCORES: Schema = {  # scores.csv: one figure of one method on one capture a line
     "capture": str,  # the capture

@@ -96,7 +96,6 @@ class Engine:
                 "host": host,
                 "gemm_gflops": cost.machine.get("gemm_gflops"),
                 "others_cores": cost.others_cores,
-                "image_error": times.get("image_error"),
             }
         )
         return folder

@@ -90,8 +90,7 @@ def reconstruct(
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
         write_frames(folder, depths)
-    measured = {"image_error": images.image_error} | measuring_times(imager.task.echoes)
-    _write_times(folder, seconds, images.plan_s, measured)
+    _write_times(folder, seconds, images.plan_s, measuring_times(imager.task.echoes))
 
 
 @stage("repeat", *SOURCES)
@@ -210,13 +209,11 @@ class Images(NamedTuple):
     """Results of imaging the frames of a capture.
     results: one for each frame. seconds: times from the echoes in memory to a depth map, without
     the preparation (plan) of the fast imaging, which depends only on the geometry. plan_s: time of
-    that preparation, s, if known. image_error: upper bound of the relative error of frame 0's
-    images; None if the method used no fast imaging."""
+    that preparation, s, if known."""
 
     results: list[Reconstruction]
     seconds: list[float]
     plan_s: float | None
-    image_error: float | None
 
 
 class Imager:
@@ -246,11 +243,9 @@ class Imager:
         The first frame also pays for the preparation (plan) of the fast imaging, which a radar does
         only once. Its time therefore counts only if there is no other: the other frames are timed,
         and a single frame is imaged again unless it took long. The extra time of the first frame is
-        reported as the time of the plan and of its error bound."""
-        from handbench.radar.imaging.certificate import certified
-
+        reported as the time of the plan."""
         task, times, results = self.task, list[float](), list[Reconstruction]()
-        with certified() as certificate, timed(times):
+        with timed(times):
             results.append(task.method.run(task.echoes, task.settings, 0))
         for frame in range(1, self.frames):
             with timed(times):
@@ -260,9 +255,7 @@ class Imager:
                 task.image()
         first_s, *seconds = times
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
-        return Images(
-            results, seconds or [first_s], plan_s, certificate.bound if certificate.images else None
-        )
+        return Images(results, seconds or [first_s], plan_s)
 
     def repeated(self, seconds: list[float]) -> list[float]:
         """Repeat the imaging for half a second (REPEATED_S), so that the median of fast methods is

@@ -23,8 +23,7 @@ EXACT = 1e-5  # what the exact sum is good to, in single precision
 def run(options: argparse.Namespace) -> None:
     """Image one frame of a capture by one method; write the depth map (-o) and, with --volume, the
     image volume.
-    Prints warnings, the number of pixels with a depth, and the upper bound of the images' relative
-    error."""
+    Prints warnings and the number of pixels with a depth."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
     chosen = method(options.method)
@@ -42,13 +41,11 @@ def run(options: argparse.Namespace) -> None:
             "broadband or narrowband, or leave these options out"
         )
     from handbench.bench.validation.capture_warnings import warnings_of_image
-    from handbench.radar.imaging.certificate import certified
     from handbench.radar.imaging.device import describe
     from handbench.radar.warmup import announce
 
     announce()
-    with certified() as certificate:
-        result = task.image(options.frame)
+    result = task.image(options.frame)
     depth = task.with_uncertainty(result.depth, options.frame)
     depth.save(options.out)
     for warning in warnings_of_image(depth, echoes):
@@ -63,12 +60,7 @@ def run(options: argparse.Namespace) -> None:
             _check(volume, echoes, settings, options)
     for note in notes(result.depth, echoes, settings, options.frame):
         say(f"{options.out}: {note}")
-    bound = (
-        f"; the images' relative error is at most {certificate.bound:.1e}"
-        if certificate.images
-        else ""
-    )
-    say(f"{options.out}: {on_target(depth)}, imaged on {describe()}{bound}")
+    say(f"{options.out}: {on_target(depth)}, imaged on {describe()}")
 
 
 def _check(
@@ -78,7 +70,7 @@ def _check(
     the relative error.
     settings: configuration of the method, with tones and grid. Raises HandbenchError if the error
     is larger than its tolerance."""
-    from handbench.radar.imaging.certificate import imaging_error
+    from handbench.radar.imaging.reference import imaging_error
 
     samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
     error = imaging_error(

@@ -16,7 +16,6 @@ import numpy as np
 
 from handbench.radar.data.arrays import Aperture, positions
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.certificate import certify_nodes, certify_points
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.cpu.exact import check_samples
 from handbench.radar.imaging.device import Array, current_device, to_host
@@ -93,7 +92,6 @@ def image_points(
         images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
         for executor, near, where in zip(plans, parts, places, strict=True):
             images[:, near] = to_host(executor.image(samples, where))
-    certify_points(images[:, :, None], samples, frequencies_hz, aperture, points.__getitem__)
     return images.reshape(shape)
 
 
@@ -130,11 +128,6 @@ def image_volume(
         imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
         nodes, images = imager.nodes(samples, grid.z_m)
         volumes = imager.upsampler.volume(nodes, images, carrier)
-    if tolerance is None or carrier:
-        rows = volumes.reshape(count, -1, len(grid.x_m))
-        certify_points(rows, samples, frequencies_hz, aperture, grid.points_at_m)
-    else:
-        certify_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return volumes.reshape((count, *grid.shape) if apart else grid.shape)
 
 
@@ -158,7 +151,6 @@ def project_volume(
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
     nodes, images = imager.nodes(samples, grid.z_m)
-    certify_nodes(imager.plan, nodes, images, samples, frequencies_hz, aperture)
     return imager.upsampler.project(nodes, images)
 
 

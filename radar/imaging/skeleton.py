@@ -122,19 +122,6 @@ class Resampler:
             np.dot(weights, nodes[of], out=fine[out])
         return fine
 
-    def of(self, fine: int, least: float = 0.0) -> tuple[slice, np.ndarray]:
-        """Return the slice of nodes from which the fine sample with index `fine` is interpolated,
-        and their weights. Nodes at the slice's ends whose weights are below `least` in magnitude
-        are left out."""
-        for here, of, weights in self.windows:
-            if fine < here.stop:
-                row = weights[fine - here.start]
-                kept = np.flatnonzero(np.abs(row) >= least)
-                return slice(of.start + kept[0], of.start + kept[-1] + 1), row[
-                    kept[0] : kept[-1] + 1
-                ]
-        return slice(fine, fine + 1), np.ones(1, np.float32)
-
     def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
         """Divide the interpolation into pieces of at most `most` fine samples: a list of (slice of
         fine samples, slice of nodes, weights [fine, nodes]). The weights are None if the nodes are

@@ -25,13 +25,7 @@ def direct_sum(
     [f, n] with the tones apart."""
     tones = zip(samples, frequencies_hz, strict=True)
     images = [
-        image_points_exact(
-            (s if isinstance(aperture, AntennaArray) else np.diag(s))[None],
-            [f],
-            *_ends_m(aperture),
-            np.asarray(points_m),
-        )
-        for s, f in tones
+        image_points_exact(s[None], [f], *_ends_m(aperture), np.asarray(points_m)) for s, f in tones
     ]
     return np.array(images) if apart else sum(images)
 

@@ -18,22 +18,12 @@ from handbench.radar.data.arrays import (
     tones,
 )
 from handbench.radar.data.capture import largest_part
-from handbench.radar.imaging.cpu.steering import (
-    cis_turns,
-    distances_m,
-    inner_distances_m,
-    phasor,
-    steering,
-)
+from handbench.radar.imaging.cpu.steering import cis_turns, distances_m, inner_distances_m, steering
 from handbench.support.compiled import FAST, njit
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
-# largest piece of work in float64: tones, and complex numbers of steering
-TONES, WAVES = 32, 1 << 21
-# spacings that differ by less, relative to a tone, count as equal: 1e-9 rad over 15 m and 32 tones
-SAME = 1e-15
 
 
 def exact_images(
@@ -66,56 +56,6 @@ def exact_images(
 
     for_each(work, range(0, len(points_m), BLOCK))
     return images
-
-
-def exact_sums(
-    samples: np.ndarray,
-    frequencies_hz: np.ndarray,
-    aperture: Aperture,
-    points_m: np.ndarray,
-    apart: bool = False,
-) -> np.ndarray:
-    """Image a few points_m [n, 3] by the sum over every tone and antenna in float64: complex128 [f,
-    n], one image per tone, with `apart`; else [1, n], their coherent sum. Within a metre, the error
-    is at most 1e-11 of Σ|samples|. The samples are not checked (see `check_samples`).
-
-    Evenly spaced tones are faster: the steering phases of a tone are those of the tone before it
-    times those of the spacing.
-    """
-    tones_hz, points = np.asarray(frequencies_hz, np.float64), np.asarray(points_m, np.float64)
-    lengths = [
-        leg.passes * np.linalg.norm(leg.position_m[:, None] - points, axis=2)
-        for leg in aperture.legs
-    ]
-    lengths = array_legs(aperture, lengths)
-    images = np.empty((len(samples), len(points)), np.complex128)
-    count = max(1, min(TONES, WAVES // max(length.size for length in lengths)))
-
-    def work(start: int) -> None:
-        some = slice(start, start + count)
-        a, b = (_waves(tones_hz[some], length) for length in lengths)
-        received = samples[some].reshape(*a.shape[:2], -1).astype(np.complex128) @ b
-        images[some] = np.einsum("ftn,ftn->fn", a, received)
-
-    for_each(work, range(0, len(samples), count))
-    return images if apart else images.sum(axis=0, keepdims=True)
-
-
-def _waves(frequencies_hz: np.ndarray, length_m: np.ndarray) -> np.ndarray:
-    """Compute the steering phases exp(j2πfL/c) of tones [f] at lengths L [a, n], metres: complex128
-    [f, a, n]."""
-    waves = np.empty((len(frequencies_hz), *length_m.shape), np.complex128)
-    waves[0], spacing_hz, steps = (
-        phasor(length_m, frequencies_hz[0], 1),
-        0.0,
-        np.ones_like(waves[0]),
-    )
-    for f in range(1, len(waves)):
-        if abs(frequencies_hz[f] - frequencies_hz[f - 1] - spacing_hz) > SAME * frequencies_hz[f]:
-            spacing_hz = frequencies_hz[f] - frequencies_hz[f - 1]
-            steps = phasor(length_m, spacing_hz, 1)
-        np.multiply(waves[f - 1], steps, out=waves[f])
-    return waves
 
 
 def path_lengths(aperture: Aperture, point_m: np.ndarray) -> np.ndarray:
