@@ -1,169 +1,188 @@
-"""Maximum-a-posteriori estimate of an array's gains, phases, delays and antenna positions from the
-samples of a capture of the calibration target.
+"""Least-squares estimate of an array's gains, phases and delays from the echoes of the calibration
+target:
 
-Gauss–Newton steps minimise Σ |s − model|²/σ² + Σ (offset/σ_p)² + Σ (delay/σ_d)² + Σ (shape/σ_s)²;
-what no echo determines, such as a motion of the whole array, is kept fixed. `shape` is the
-deviation of a ball from the described target in its best pose. The priors keep unknowns at 0 that
-the echoes do not determine: antenna offsets along the line of sight are almost indistinguishable
-from phases.
+    s[f, t, r] ≈ a_t(f) · b_r(f) · Σ_i c_i · e_i[f, t, r]
+    a_t(f) = a_t · exp(−j(k − k₀)·d_t), and likewise b_r(f)
+
+with the echoes e_i of the target's balls (Mie's series), their complex strengths c_i, the gains
+a_t, b_r at the middle of the sweep (wavenumber k₀) and the delays d_t, d_r. For balls at known
+places each of c, a and b has a closed form for given others (alternating least squares). The balls
+are found again with the calibrated array.
+
+No echo determines the mean level, phase and delay of all transmitters, nor those of all receivers,
+and a phase that changes linearly over the aperture looks almost like a motion of the target. The
+means are 0; the motion is small and the same for all images.
 """
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.calibration.array import prior
 from handbench.calibration.array.array_file import ArrayCalibration, Side
-from handbench.calibration.array.model import (
-    EACH,
-    Antennas,
-    State,
-    TargetEchoes,
-    directions,
-    normal_equations,
-)
-from handbench.calibration.spheres.description import Target
-from handbench.radar.data.arrays import AntennaArray
+from handbench.calibration.spheres.ball_fit import fit_balls
+from handbench.calibration.spheres.description import Target, match
+from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls, mimo_array
+from handbench.calibration.transforms import umeyama
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.imaging.cpu.exact import path_lengths
+from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 
-MAX_STEPS = 20
-ENOUGH = 0.1  # a step that lowers χ² by less is a small part of one standard deviation
-SINGLE = 1e-5  # noise of samples in single precision, relative to their amplitude, at least
-GUARD_CELLS = 3  # of the sweep's range resolution, about the balls
+ROUNDS = 2  # the balls' places after the first round are within micrometres of those after more
+SWEEPS = 20  # of alternating least squares
+WEAKEST = 0.1  # antennas whose gain is less than this share of the median are dead
+# a ball is stronger than the foam and than the side lobes of an imperfect array
+SEARCH = EchoSearch(threshold_db=-10.0)
+# distance of a ball from its described place, in standard deviations of the target's manufacture
+FARTHEST_SIGMAS = 4.0
+LEAST_SIGMA_M = 5e-5  # of the manufacture
+TINY = 1e-30  # below any squared gain
 
 
 def estimate_array(
     capture: RadarCapture, target: Target, source: str = "target capture"
 ) -> ArrayCalibration:
     """Estimate the calibration of an array from the echoes of a target at rest, whose frames are
-    averaged: gain, phase, delay and position of each antenna, with standard deviations.
+    averaged: gain, phase and delay of each antenna, with standard deviations.
 
     source: name of the capture, for the result and for messages. Raises HandbenchError for a planar
-    scan, if a ball is not found, or if target and echoes contradict each other.
+    scan, if a ball is not found, if something else echoes as strongly as a ball, and if the balls
+    are not where the target's description has them.
     """
-    if not isinstance(capture.aperture, AntennaArray):
-        raise HandbenchError(
-            f"{source}: is a planar scan, which has no antenna array to calibrate; use a capture "
-            "of a MIMO array"
-        )
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True), frame_times_s=None)
-    samples = np.ascontiguousarray(np.moveaxis(mean.samples[0], 0, -1))
-    echoes = TargetEchoes(target, capture.frequencies_hz)
-    live, raw, begun = prior.initial_states(samples, prior.nominal_state(mean, target), echoes)
-    samples = samples[live[0]][:, live[1]]
-    state, covariance = fit_state(samples, begun, echoes)
-    before, after = (unexplained_share(samples, s, echoes) for s in (raw, state))
-    prior.check(state, after, target, source)
-    n_tx, n_rx, _ = state.counts
-    every = np.arange(n_tx + n_rx)  # antenna
-    antennas = covariance[: EACH * len(every), : EACH * len(every)].reshape(
-        len(every), EACH, len(every), EACH
-    )
-    own = np.split(antennas[every, :, every], [n_tx])  # blocks of single antennas, by side
-    sides = zip(capture.aperture.legs, live, (state.tx, state.rx), own, strict=True)
-    tx, rx = (
-        _side(leg.position_m, lives, s, c, state.centres_m, echoes) for leg, lives, s, c in sides
-    )
-    levels_db = {
-        "residual_before_db": 10 * np.log10(before),
-        "residual_after_db": 10 * np.log10(after),
-    }
-    return ArrayCalibration(
-        source=source, reference_hz=echoes.reference_hz, tx=tx, rx=rx, **levels_db
-    )
+    calibrated = mean
+    for _ in range(ROUNDS):
+        found = find_balls(calibrated, target, SEARCH)
+        balls = match(found, target, "echoes")
+        missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
+        if missing:
+            raise HandbenchError(
+                f"{source}: the elements {', '.join(missing)} of the target are not visible, but "
+                "an array calibration needs all; check the target's description and place"
+            )
+        seen_m = np.array([balls[i].centre_m for i in range(len(target.element))])
+        calibration = _fit_responses(mean, target, _placed(target, seen_m), source)
+        calibrated = calibration.applied_to(mean)
+    _require_target(calibrated, target, source)
+    return calibration
 
 
-def fit_state(samples: np.ndarray, state: State, echoes: TargetEchoes) -> tuple[State, np.ndarray]:
-    """Find the most probable values of all unknowns for samples [t, r, f] by Gauss–Newton steps:
-    (values, covariance [u, u]). The noise level is that of the residual.
+def _placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
+    """Return the balls' centres [i, 3] as described, moved by the rigid motion that fits the
+    measured centres seen_m [i, 3] best."""
+    described_m = target.centres_m + target.ball_offsets_m
+    pose = umeyama(described_m, seen_m)
+    return described_m @ pose[:3, :3].T + pose[:3, 3]
 
-    state: values of the unknowns to begin with; echoes: model of the target's echoes. Raises
-    HandbenchError if the steps do not converge.
+
+def _fit_responses(
+    capture: RadarCapture, target: Target, centres_m: np.ndarray, source: str
+) -> ArrayCalibration:
+    """Fit the responses of all antennas to a capture's only frame, with the balls at centres_m
+    [i, 3], by alternating least squares."""
+    samples, f_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
+    reference_hz = float(f_hz.mean())
+    k = 2 * np.pi * (f_hz[:, None] - reference_hz) / SPEED_OF_LIGHT_M_S
+    echoes = np.array(
+        [
+            sphere_echo(c, e.ball_radius_m, delay_m, f_hz, array)
+            for c, e, delay_m in zip(centres_m, target.element, target.foam_delay_m, strict=True)
+        ]
+    )
+    tx, rx = (_Fit(np.ones(n), np.zeros(n), np.ones(n), np.ones(n)) for n in array.channels)
+    for _ in range(SWEEPS):
+        a, b = tx.response(k)[:, :, None], rx.response(k)[:, None]
+        of_balls = (echoes * (a * b)).reshape(len(echoes), -1)
+        strengths = np.linalg.solve(of_balls.conj() @ of_balls.T, of_balls.conj() @ samples.ravel())
+        balls = np.tensordot(strengths.astype(np.complex64), echoes, 1)
+        tx = _fit(samples, balls * b, tx.delays_m, k)
+        a = tx.response(k)[:, :, None]
+        rx = _fit(samples.swapaxes(1, 2), (balls * a).swapaxes(1, 2), rx.delays_m, k)
+    rest = samples - balls * tx.response(k)[:, :, None] * rx.response(k)[:, None]
+    noise = float(np.mean(np.abs(rest) ** 2)) / 2  # per real and imaginary part
+    sides = [
+        _side(leg.position_m, one, noise) for leg, one in zip(array.legs, (tx, rx), strict=True)
+    ]
+    return ArrayCalibration(source=source, reference_hz=reference_hz, tx=sides[0], rx=sides[1])
+
+
+class _Fit(NamedTuple):
+    """Responses of the transmitters, or of the receivers. gains [n], delays_m [n]; information on
+    them, times the noise's variance: energy [n] = Σ|m|² and energy_k2 [n] = Σ|m|²(k − k̄)² of the
+    model m of their samples with response 1."""
+
+    gains: np.ndarray
+    delays_m: np.ndarray
+    energy: np.ndarray
+    energy_k2: np.ndarray
+
+    def response(self, k: np.ndarray) -> np.ndarray:
+        """Compute the responses at the wavenumbers k [f, 1], relative to the reference: complex64
+        [f, n]."""
+        return (self.gains * np.exp(-1j * k * self.delays_m)).astype(np.complex64)
+
+
+def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.ndarray) -> _Fit:
+    """Fit the responses of n antennas to samples [f, n, m], by one Gauss–Newton step from given
+    delays_m [n]. model [f, n, m]: the samples for responses of 1; k [f, 1]: wavenumbers."""
+    power = np.einsum("fnm,fnm->fn", model, model.conj()).real
+    seen = np.einsum("fnm,fnm->fn", samples, model.conj()) * np.exp(1j * k * delays_m)
+    energy = power.sum(axis=0)
+    centred_k = k - (k * power).sum(axis=0) / energy
+    energy_k2 = (power * centred_k**2).sum(axis=0)
+    gains = seen.sum(axis=0) / energy
+    steps_m = -((centred_k * seen).sum(axis=0) * gains.conj()).imag / energy_k2
+    return _Fit(gains, delays_m + steps_m / np.maximum(np.abs(gains) ** 2, TINY), energy, energy_k2)
+
+
+def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> Side:
+    """Convert the fit of the transmitters, or of the receivers, to their calibration in the file:
+    with the mean log level, phase and delay 0 over the antennas that work. Their delays are shrunk
+    by the share of noise in their variance (James–Stein). noise: variance of a sample's real part.
     """
-    floor = SINGLE**2 * float(np.mean(np.abs(samples) ** 2)) / 2
-    information = prior.prior_information(state, echoes.target)
-    for _ in range(MAX_STEPS):
-        normal, right, power = normal_equations(samples, state, echoes)
-        freedom = 2 * samples.size - len(right)
-        variance = max(power * samples.size / freedom, floor)  # per real and imaginary part
-        pull = right / variance - information @ prior.prior_residuals(state, echoes.target)
-        inverse = prior.constrained_inverse(normal / variance + information, prior.gauges(state))
-        step = inverse @ pull
-        state = state.moved(step)
-        if step @ pull < ENOUGH:
-            return state, inverse
-    raise HandbenchError(
-        "echoes: the errors of the array were still changing after the last step; they may be too "
-        "large to focus the target"
-    )
+    level = np.abs(fit.gains)
+    live = level > WEAKEST * np.median(level)
+    phase = fit.gains[live] / level[live]
+    mean_gain = np.exp(np.log(level[live]).mean()) * phase.mean() / np.abs(phase.mean())
+    deviations_m = fit.delays_m[live] - fit.delays_m[live].mean()
+    delay_sigma_m = np.sqrt(noise / fit.energy_k2[live]) / level[live]
+    share = 1 - min(1.0, (delay_sigma_m**2).mean() / deviations_m.var())
 
+    def every(values: np.ndarray, dead: float) -> list[Any]:
+        result = np.full((len(live), *values.shape[1:]), dead)
+        result[live] = values
+        return result.tolist()
 
-def unexplained_share(samples: np.ndarray, state: State, echoes: TargetEchoes) -> float:
-    """Compute the share of the target's echo energy in samples [t, r, f] that the model with these
-    unknowns does not explain. Noise is deducted; the share is at least its uncertainty by noise.
-
-    In range profiles relative to the target's middle, the balls are within a few range cells; the
-    median of the other cells gives the noise.
-    """
-    middle_m = state.centres_m.mean(axis=0)
-    path_m = path_lengths(state.array, middle_m)
-    cell_m = 2 * np.pi / np.ptp(echoes.wavenumber)
-    reach_m = 2 * np.linalg.norm(state.centres_m - middle_m, axis=1).max()
-    cells = np.fft.fftfreq(samples.shape[-1], 1 / samples.shape[-1])
-    near = np.abs(cells) <= reach_m / cell_m + GUARD_CELLS
-    profiles = np.zeros((2, samples.shape[-1]))
-    for t, terms in enumerate(echoes.terms(state)):
-        focus = np.exp(1j * np.multiply.outer(path_m[t], echoes.wavenumber))
-        for profile, what in zip(
-            profiles, (samples[t], samples[t] - terms.sum(axis=1)), strict=True
-        ):
-            profile += (np.abs(np.fft.fft(what * focus, axis=-1)) ** 2).sum(axis=0)
-    noise = float(np.median(profiles[1][~near])) if (~near).any() else 0.0
-    whole, rest = ((profile[near] - noise).sum() for profile in profiles)
-    detectable = max(noise * np.sqrt(near.sum() / path_m.size), SINGLE**2 * whole)
-    return float(max(rest, detectable) / whole)
-
-
-def _side(
-    nominal_m: np.ndarray,
-    live: np.ndarray,
-    found: Antennas,
-    covariance: np.ndarray,
-    centres_m: np.ndarray,
-    echoes: TargetEchoes,
-) -> Side:
-    """Convert the estimated unknowns of the transmitters, or of the receivers, to their calibration
-    in the file.
-
-    nominal_m [n, 3], live [n]: positions of all antennas, and which of them work; found, covariance
-    [live, 6, 6]: estimates for those that work; centres_m [i, 3]: the balls. A dead antenna has
-    gain 0 and large standard deviations (of delay and position, those of the prior).
-    """
-    toward = directions(centres_m.mean(axis=0, keepdims=True), found)[:, 0]
-    none = np.zeros(len(toward))
-    # by the unknowns of `Antennas`
-    seen = np.column_stack([none, none + 1, none, -echoes.wavenumber.mean() * toward])
-    level_sigma, _, delay_sigma_m, *offset_sigma_m = np.sqrt(
-        np.diagonal(covariance, axis1=1, axis2=2)
-    ).T
-    phase_sigma = np.sqrt(np.einsum("na,nab,nb->n", seen, covariance, seen))
-
-    def all_of(values: np.ndarray, dead: float) -> list[Any]:
-        everyone = np.full((len(live), *values.shape[1:]), dead)
-        everyone[live] = values
-        return everyone.tolist()
-
-    gain = np.exp(found.log_gain)
+    gains = fit.gains[live] / mean_gain
     return Side(
         nominal_m=nominal_m.tolist(),
-        gain=all_of(np.column_stack([gain.real, gain.imag]), 0.0),
-        delay_m=all_of(found.delay_m, 0.0),
-        offset_m=all_of(found.offset_m, 0.0),
-        level_sigma=all_of(level_sigma, 1.0),
-        phase_sigma_rad=all_of(phase_sigma, np.pi),
-        delay_sigma_m=all_of(delay_sigma_m, prior.DELAY_SIGMA_M),
-        offset_sigma_m=all_of(np.stack(offset_sigma_m, axis=1), prior.POSITION_SIGMA_M),
+        gain=every(np.column_stack([gains.real, gains.imag]), 0.0),
+        delay_m=every(share * deviations_m, 0.0),
+        gain_sigma=every(np.sqrt(noise / fit.energy[live]) / level[live], 1.0),
+        delay_sigma_m=every(delay_sigma_m, 1.0),
     )
+
+
+def _require_target(calibrated: RadarCapture, target: Target, source: str) -> None:
+    """Raise HandbenchError if the calibrated echoes show another thing as strong as a ball, or a
+    ball that is not at its described place."""
+    found = find_balls(calibrated, target, SEARCH)
+    balls = match(found, target, "echoes")
+    for other in found:
+        if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
+            raise HandbenchError(
+                f"{source}: something at {np.round(other.peak_m, 3)} m echoes with "
+                f"{other.level_db:.0f} dB of the strongest ball; remove it from the view, and "
+                "check the description of the target"
+            )
+    fitted = fit_balls(calibrated, target, balls, found)
+    seen_m = np.array([fitted[i].centre_m for i in sorted(fitted)])
+    off_m = np.linalg.norm(seen_m - _placed(target, seen_m), axis=1)
+    limit_m = FARTHEST_SIGMAS * max(target.ball_offset_sigma_m, LEAST_SIGMA_M)
+    if off_m.max() > limit_m:
+        raise HandbenchError(
+            f"{source}: element {off_m.argmax() + 1} of the target is {1e3 * off_m.max():.2f} mm "
+            f"away from its place in the description; expected less than {1e3 * limit_m:.2f} mm; "
+            "measure the target again"
+        )

@@ -27,7 +27,7 @@ from handbench.support.progress import say
 def run(options: argparse.Namespace) -> None:
     """Compute the transform from the photographs' frame to the radar's frame and write it (-o),
     from captures of the calibration target or, with --refine, by aligning a mesh to a depth map.
-    --array also estimates the antennas' gains, phases and positions and writes them to a file."""
+    --array also estimates the antennas' gains, phases and delays and writes them to a file."""
     if options.from_echoes:
         _from_echoes(options)
         return

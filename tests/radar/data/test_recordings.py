@@ -189,21 +189,11 @@ def array_calibration(tx_m: np.ndarray, rx_m: np.ndarray) -> ArrayCalibration:
             nominal_m=places_m.tolist(),
             gain=[(1.0, 0.1)] * n,
             delay_m=[1e-4] * n,
-            offset_m=[(1e-5, 0, 0)] * n,
-            level_sigma=[0.01] * n,
-            phase_sigma_rad=[0.01] * n,
+            gain_sigma=[0.01] * n,
             delay_sigma_m=[1e-5] * n,
-            offset_sigma_m=[(1e-5,) * 3] * n,
         )
 
-    return ArrayCalibration(
-        source="target",
-        reference_hz=77e9,
-        tx=side(tx_m),
-        rx=side(rx_m),
-        residual_before_db=-10,
-        residual_after_db=-30,
-    )
+    return ArrayCalibration(source="target", reference_hz=77e9, tx=side(tx_m), rx=side(rx_m))
 
 
 def test_the_array_s_calibration_lies_inside(tmp_path):
