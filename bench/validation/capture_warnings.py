@@ -24,7 +24,6 @@ from handbench.bench.validation.mistakes import (
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.advice import motion_notes
 from handbench.radar.methods.depth_uncertainty import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
@@ -79,11 +78,6 @@ def capture_warnings(recorded: NativeCapture) -> Iterator[str]:
     begun = {FIRST: start_m} if 0 < start_m < FAR_M else {}
     image = partial(_depth_map, recorded.folder, begun)
     imaged = image(echoes)
-    if imaged is not None:
-        moves = list(motion_notes(imaged[0], echoes, imaged[1]))
-        yield from moves
-        if moves:
-            return  # the motion explains why the image is not on its surface
     as_is_mm = np.inf if imaged is None or surface is None else error_mm(imaged[0], surface)
     if as_is_mm <= GOOD_MM:
         return  # the image is on its surface: no further check

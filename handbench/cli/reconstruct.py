@@ -11,7 +11,6 @@ from handbench.bench.pipeline.image import configuration, prepare
 from handbench.bench.validation.checks import CHANNELS, on_target, warnings_of
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.advice import notes
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz
@@ -58,8 +57,6 @@ def run(options: argparse.Namespace) -> None:
             )
         if options.check:
             _check(volume, echoes, settings, options)
-    for note in notes(result.depth, echoes, settings, options.frame):
-        say(f"{options.out}: {note}")
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}")
 
 

@@ -22,7 +22,6 @@ pairs of tones together are less ambiguous.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -36,7 +35,7 @@ from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.depth_uncertainty import Uncertainty, speckle_spread_m
 from handbench.radar.methods.first_depth import with_first_depth
-from handbench.radar.methods.fsk import Tones, first_step, masked_mean, path_rise
+from handbench.radar.methods.fsk import Tones, first_step, masked_mean
 from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
 
 STEPS = 16  # per range cell, of the search
@@ -154,38 +153,27 @@ def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMa
     shift is searched; this is repeated config.fine_refinements times in all.
     """
     config = with_first_depth(capture, config, frame)
-    tones, whole = Tones.of(capture, config, frame), config.grid()
-    step, uncertainty = first_step(tones).cropped(), Uncertainty(config)
+    tones = Tones.of(capture, config, frame)
+    grid, step, uncertainty = tones.grid, first_step(tones), Uncertainty(tones)
     z_m, amplitude = uncertainty.add(step), step.amplitude
     doubtful, reach_m = uncertainty.wrapped, config.reach_m
     for _ in range(config.fine_refinements):
-        step = tones.surface(step.grid, masked_mean(z_m, config.coarse_filter_px, amplitude**2))
-        points_m = step.grid.points_at_m(step.index, step.formed_m)
-        rise = (
-            path_rise(points_m, tones.aperture) if config.off_axis else np.full(len(points_m), 2.0)
-        )
-        found = align(step.still, tones.frequencies_hz, rise, reach_m)
+        step = tones.surface(masked_mean(z_m, config.coarse_filter_px, amplitude**2))
+        rise = np.broadcast_to(2 / step.factor, len(step.index))
+        found = align(step.images, tones.frequencies_hz, rise, reach_m)
         z_m, sigma_m = (
-            step.on_map(values_m) for values_m in (points_m[:, 2] + found.shift_m, found.sigma_m)
+            grid.on_map(step.index, values_m)
+            for values_m in (step.formed_m + found.shift_m, found.sigma_m)
         )
-        coherence, amplitude = step.on_map(found.coherence, 0.0), step.amplitude
-        doubtful = doubtful | step.on_map(found.other > config.wrap_probability, False)
+        coherence, amplitude = grid.on_map(step.index, found.coherence, 0.0), step.amplitude
+        doubtful = doubtful | (
+            grid.on_map(step.index, found.other > config.wrap_probability, 0) > 0
+        )
         if config.drop_doubtful and (coherence >= NONE).any():
             z_m[coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
-    placed = functools.partial(whole.placed, step.grid)
-    db, coherence = amplitude_db(placed(amplitude, 0.0)), placed(coherence, 1.0)
-    wrapped = placed(doubtful, False) > 0
-    depth = DepthMap(
-        whole.x_m,
-        whole.y_m,
-        placed(z_m),
-        db,
-        "joint",
-        config.model_dump(),
-        placed(sigma_m),
-        wrapped,
-    )
+    db, settings = amplitude_db(amplitude), config.model_dump()
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, doubtful)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
     seen = db >= config.threshold_db  # at the final depth, not in the first plane
     z_m, sigma_m = (

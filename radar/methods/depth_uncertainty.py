@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +38,7 @@ from handbench.radar.data.grid import PixelGrid, bounding_box
 from handbench.radar.imaging.api import image_points
 from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.evidence import unresolved_m
+from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
 from handbench.support.config import Config
@@ -166,7 +167,8 @@ def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 
     """Compute the depth map of a frame by an FSK method, with predicted 1σ and flags for pixels
     that may be wrong. With config.drop_wrapped, flagged pixels become NaN after each imaging
     step."""
-    uncertainty = Uncertainty(config)
+    config = with_first_depth(capture, config, frame)
+    uncertainty = Uncertainty(Tones.of(capture, config, frame))
     if isinstance(config, RefinedConfig) and config.drop_wrapped:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
     else:
@@ -185,8 +187,8 @@ class Uncertainty:
     phase may have wrapped or is noise. Both are on the grid of the steps.
     """
 
-    def __init__(self, config: FskConfig) -> None:
-        self.config = config
+    def __init__(self, tones: Tones) -> None:
+        self.tones, self.config = tones, tones.config
         self.last: FskStep | None = None
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
@@ -208,21 +210,19 @@ class Uncertainty:
         """Return the final depth map with sigma_m, the predicted 1σ, and `wrapped`, the flags."""
         step = self.last
         assert step is not None
-        whole = PixelGrid(depth.x_m, depth.y_m)
         if not isinstance(self.config, RefinedConfig):
             sigma_m = self._sigma_m(step, self.quadrature_m)
         else:  # two estimates of the same error: the larger one counts
             filter_px, spread_px = self.config.fine_filter_px, self.config.spread_px
-            sigma_m = self._sigma_m(step, step.filtered(self.quadrature_m, filter_px))
+            filtered_m = step.filtered(self.quadrature_m, filter_px, self.config.weighted)
+            sigma_m = self._sigma_m(step, filtered_m)
             points_m = step.grid.points_m(np.where(np.isfinite(sigma_m), step.z_m, np.nan))
             sigma_m = np.fmax(
                 sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px)
             )
-        if step.tones.repetition is not None:
-            velocity_m_s = whole.placed(step.grid, velocity_sigma_m_s(step, self.config))
-            depth = replace(depth, velocity_sigma_m_s=velocity_m_s)
-        flags = whole.placed(step.grid, self.wrapped, elsewhere=False)
-        return replace(depth, sigma_m=whole.placed(step.grid, sigma_m), wrapped=flags)
+        if step.again is not None:
+            depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth, self.config))
+        return replace(depth, sigma_m=sigma_m, wrapped=self.wrapped)
 
     def _plane(self, step: FskStep) -> np.ndarray:
         """Flag pixels of the first imaging step, which images one plane: boolean [ny, nx].
@@ -230,17 +230,13 @@ class Uncertainty:
         Flagged are noise, depths behind the array, and all pixels if the plane one period before or
         behind has the sharper image.
         """
-        noise = incoherent(
-            step.at(self._sigma_m(step, self.quadrature_m)), step.tones.period_m / 2 * step.factor
-        )
+        sigma_m = self._sigma_m(step, self.quadrature_m).ravel()[step.index]
+        noise = incoherent(sigma_m, step.period_m / 2 * step.factor)
         if np.count_nonzero(noise) > NOISY * len(noise):  # the rest are peaks of the noise
             noise[:] = True
         behind_the_array = step.z_m <= 0
-        return (
-            step.on_map(noise, False)
-            | behind_the_array
-            | _sharper_elsewhere(step, self.config.grid())
-        )
+        noise = step.grid.on_map(step.index, noise, 0) > 0
+        return noise | behind_the_array | _sharper_elsewhere(step, self.tones)
 
     def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
         """Flag pixels of a later imaging step, `before` being the one before it: boolean [ny, nx].
@@ -248,11 +244,16 @@ class Uncertainty:
         Flagged are pixels that were flagged before, those where the depths from the last tone with
         the first and with the second tone disagree, and those whose depth may be off by a period.
         """
-        if len(step.tones) > len(before.tones):
-            self.quadrature_m = before.filtered(self.quadrature_m, config.coarse_filter_px)
+        if len(step.images) > len(before.images):
+            filter_px = config.coarse_filter_px
+            self.quadrature_m = before.filtered(self.quadrature_m, filter_px, config.weighted)
         # The rung below, imaged at the same points, shows wrong starting depths: a filter crossed
         # an edge.
-        below, half_period_m = step.below(), step.tones.period_m / 2
+        amplitude = step.grid.on_map(step.index, np.abs(step.images[:-1]).mean(axis=0), 0.0)
+        below = step._replace(
+            frequencies_hz=step.frequencies_hz[:-1], images=step.images[:-1], amplitude=amplitude
+        )
+        half_period_m = step.period_m / 2
         steps_m = step.correction_m, step.correction_m - below.correction_m
         sigmas_m = (
             self._sigma_m(before, self.quadrature_m),
@@ -260,10 +261,14 @@ class Uncertainty:
         )
         ambiguity_m = half_period_m * step.factor
         probability = np.maximum(
-            *map(wrap_probability, steps_m, map(step.at, sigmas_m), (ambiguity_m, ambiguity_m))
+            *(
+                wrap_probability(step_m, sigma_m.ravel()[step.index], ambiguity_m)
+                for step_m, sigma_m in zip(steps_m, sigmas_m, strict=True)
+            )
         )
         parted = np.ptp(step.steps_m(), axis=0) > half_period_m  # one of two has wrapped
-        return self.wrapped | step.on_map(parted | (probability > config.wrap_probability), False)
+        flags = parted | (probability > config.wrap_probability)
+        return self.wrapped | (step.grid.on_map(step.index, flags, 0) > 0)
 
     def _sigma_m(self, step: FskStep, quadrature_m: np.ndarray) -> np.ndarray:
         return spread_m(quadrature_m, step.amplitude, self.config.spread_px)
@@ -273,32 +278,30 @@ def quadrature_m(step: FskStep) -> np.ndarray:
     """Compute the depth error, metres, that the amplitude differences between the tones of an
     imaging step show at each pixel (`quadrature_step_m`): [ny, nx], averaged over tones and scaled
     like the step's depth correction."""
-    images = step.images
-    if (repetition := step.tones.repetition) is not None and step.again is not None:
-        images = repetition.amplitudes(images, step.again)
-    return step.on_map(step.of_pairs(quadrature_step_m, images).mean(axis=0) * step.factor)
+    errors_m = step.steps_m(quadrature_step_m).mean(axis=0) * step.factor
+    return step.grid.on_map(step.index, errors_m)
 
 
-def velocity_sigma_m_s(step: FskStep, config: FskConfig) -> np.ndarray:
-    """Predict the standard deviation (1σ) of the velocities of an imaging step [ny, nx], m/s.
+def velocity_sigma_m_s(step: FskStep, depth: DepthMap, config: FskConfig) -> np.ndarray:
+    """Predict the standard deviation (1σ) of the velocities of a depth map [ny, nx], m/s, from the
+    imaging step that they were measured in.
 
     Noise and speckle are estimated, as for depths, from the amplitude difference of the tone that
     is measured twice. A share of the velocity is added, since a glossy surface shows itself to some
     antennas more than to others, which see another part of the velocity. Share and factor are those
     with which 95 % intervals hold for hands that turn, approach, wave and tremble at 0 to 0.2 m/s.
     """
-    repetition, again = step.tones.repetition, step.again
-    assert repetition is not None and again is not None
-    filter_px = getattr(config, "fine_filter_px", 1)
-    # as of a depth step, with fT in place of Δf
-    fT = repetition.frequency_hz * repetition.interval_s
-    noise_m_s = step.on_map(quadrature_step_m(again[1], again[0], fT))
-    noise_m_s = step.filtered(noise_m_s, filter_px)
+    assert step.again is not None and depth.velocity_limit_m_s is not None
+    # as of a depth step, with fT = c / 4v in place of Δf
+    fT = SPEED_OF_LIGHT_M_S / (4 * depth.velocity_limit_m_s)
+    noise_m_s = step.grid.on_map(step.index, quadrature_step_m(step.again[1], step.again[0], fT))
+    if isinstance(config, RefinedConfig):
+        noise_m_s = step.filtered(noise_m_s, config.fine_filter_px, config.weighted)
     noise_m_s = spread_m(noise_m_s, step.amplitude, config.spread_px)
-    return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * step.velocity_m_s)
+    return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * np.asarray(depth.velocity_m_s))
 
 
-def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
+def _sharper_elsewhere(step: FskStep, tones: Tones) -> bool:
     """Return True if the target seems to be one period before or behind the plane that an imaging
     step has imaged, where the pair of tones has the same phases.
 
@@ -306,30 +309,31 @@ def _sharper_elsewhere(step: FskStep, grid: PixelGrid) -> bool:
     second condition is needed because the wider resolution cells of a farther plane collect the
     echoes of several places.
     """
-    tone, z_m, period_m = step.tones.first(1), float(step.formed_m), step.tones.period_m
-    planes = [
-        _focus(tone, grid, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
-    ]
-    higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * step.peak]
-    return bool(higher) and min(higher) < WIDER * _focus(tone, grid, z_m)[1]
+    z_m, period_m = float(step.formed_m[0]), step.period_m
+    planes = [_focus(tones, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
+    own_peak = np.abs(step.images[0]).max()
+    higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * own_peak]
+    return bool(higher) and min(higher) < WIDER * _focus(tones, z_m)[1]
 
 
-def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
-    """Image a plane coarsely at one tone and measure its focus: (highest amplitude, area in m² over
-    which the image is spread). The area is (∫P)² / ∫P² of the power P.
+def _focus(tones: Tones, z_m: float) -> tuple[float, float]:
+    """Image a plane coarsely at the first tone and measure its focus: (highest amplitude, area in
+    m² over which the image is spread). The area is (∫P)² / ∫P² of the power P.
 
     The points are a resolution cell λz/2D apart, and closer around the strongest. They are summed
     exactly, since so few points are not worth a plan.
     """
-    wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in tone.aperture.legs)
-    cells_per_m = 2 * wide_m * tone.frequencies_hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
+    grid, aperture, hz = tones.grid, tones.aperture, tones.frequencies_hz[:1]
+    wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in aperture.legs)
+    cells_per_m = 2 * wide_m * hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
     x_m, y_m = (
         np.linspace(axis[0], axis[-1], n)
         for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True)
     )
     points = PixelGrid(x_m, y_m).points_m(z_m).reshape(-1, 3)
-    power = np.abs(tone.images(points, None)[0]).astype(np.float64) ** 2
+    image = partial(image_points, tones.samples[:1], hz, aperture, tolerance=None)
+    power = np.abs(image(points)).astype(np.float64) ** 2
     area_m2 = float(np.ptp(x_m) * np.ptp(y_m)) / len(power)
     spread_m2 = power.sum() ** 2 / max((power**2).sum(), TINY_M) * area_m2
     about = [
@@ -337,7 +341,7 @@ def _focus(tone: Tones, grid: PixelGrid, z_m: float) -> tuple[float, float]:
         for axis in (x_m, y_m)
     ]
     near = points[power.argmax()] + PixelGrid(*about).points_m(0.0).reshape(-1, 3)
-    return float(np.abs(tone.images(near, None)).max()), float(spread_m2)
+    return float(np.abs(image(near)).max()), float(spread_m2)
 
 
 def with_p_gross(

@@ -15,9 +15,10 @@ tone, and depths are those at that time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
@@ -26,62 +27,19 @@ from handbench.support.errors import HandbenchError
 SAME = 1e-9  # relative difference of two frequencies that are one tone
 
 
-def shift_s(frequencies_hz: np.ndarray, times_s: np.ndarray) -> float:
-    """Compute by how much motion shifts the depth from tones frequencies_hz [f], measured at
-    times_s [f] after the time of that depth: metres per m/s of radial velocity.
-
-    It is the slope of f t over f, by least squares; for two tones it is f_b (t_b − t_a)/(f_b − f_a)
-    + t_a.
-    """
-    from_mean_hz = frequencies_hz - frequencies_hz.mean()
-    return float(from_mean_hz @ (frequencies_hz * times_s) / (from_mean_hz @ from_mean_hz))
-
-
-@dataclass(frozen=True)
-class Repetition:
+class Repetition(NamedTuple):
     """A tone that is measured twice in a frame.
 
-    tone: its index among the method's tones; measured [2]: indices of its first and its last
-    measurement among the capture's tones; frequency_hz; interval_s: time T between both. share [f]:
-    f_i t_i/(f_k T) of the method's tones, the motion's phase of each tone at its time t_i relative
-    to that of the repeated tone after T.
+    tone: its index k among the method's tones; measured [2]: indices of its first and its last
+    measurement among the capture's tones; limit_m_s: largest unambiguous velocity c/(4f_k T);
+    share [f]: f_i t_i/(f_k T) of the method's tones, the motion's phase of each tone at its time
+    t_i relative to that of the repeated tone after T.
     """
 
     tone: int
     measured: np.ndarray
-    frequency_hz: float
-    interval_s: float
+    limit_m_s: float
     share: np.ndarray
-
-    @classmethod
-    def of(cls, capture: RadarCapture, wanted_hz: np.ndarray) -> Repetition:
-        """Find the first of a method's tones wanted_hz [f] that a capture has measured more than
-        once. Raises HandbenchError if the capture has no times, or no such tone."""
-        index, times_s = capture.tone_index(wanted_hz), capture.times_s
-        without = "or use the method with doppler=False"
-        if times_s is None:
-            raise HandbenchError(
-                "times_s: are missing, but a velocity needs the time of every tone; add times_s "
-                f"[frequency] in seconds to the echoes, {without}"
-            )
-        for tone, first in enumerate(index):
-            same = np.isclose(capture.frequencies_hz, capture.frequencies_hz[first], SAME, 0)
-            last = int(np.where(same, times_s, -np.inf).argmax())
-            if (interval_s := float(times_s[last] - times_s[first])) > 0:
-                f, f_k = capture.vacuum_hz[index], float(capture.vacuum_hz[first])
-                share = f * (times_s[index] - times_s.min()) / (f_k * interval_s)
-                return cls(tone, np.array([first, last]), f_k, interval_s, share)
-        tones_ghz = ", ".join(f"{hz / 1e9:.4g}" for hz in capture.frequencies_hz[index])
-        raise HandbenchError(
-            f"frequencies: none of the method's tones ({tones_ghz} GHz) is measured at two times "
-            f"of a frame, which a velocity needs; measure the first tone again after the last, "
-            f"{without}"
-        )
-
-    @property
-    def limit_m_s(self) -> float:
-        """The largest velocity that is unambiguous, c/(4fT), m/s."""
-        return float(SPEED_OF_LIGHT_M_S / (4 * self.frequency_hz * self.interval_s))
 
     def velocity_m_s(self, turned: np.ndarray) -> np.ndarray:
         """Compute radial velocities v = −cφ/(4πfT), m/s, positive away from the array, from
@@ -89,16 +47,39 @@ class Repetition:
         return -np.angle(turned) / np.pi * self.limit_m_s
 
     def at_rest(self, images: np.ndarray, again: np.ndarray) -> np.ndarray:
-        """Take the motion's phase off images [f, n] of the method's first f tones. again [2, n]:
-        the images of the repeated tone."""
-        phase = np.angle(again[1].astype(np.complex128) * np.conj(again[0]))
-        share = self.share[: len(images), None]
-        return (images * np.exp(-1j * share * phase)).astype(images.dtype)
+        """Take the motion's phase off images [f, n] of the method's first f tones: they are divided
+        by (O_k(T) / O_k(0))^(f_i t_i / f_k T). again [2, n]: O_k(0), O_k(T).
 
-    def amplitudes(self, images: np.ndarray, again: np.ndarray) -> np.ndarray:
-        """Combine the amplitudes of images [f, n] with those of the repeated tone as `at_rest`
-        combines phases. Noise that turns an image's phase changes its amplitude as much, so the
-        result shows the errors that the repeated tone adds."""
-        tiny = np.finfo(np.float64).tiny
-        first, last = np.maximum(np.abs(again.astype(np.complex128)), tiny)
-        return np.asarray(np.abs(images) * (last / first) ** -self.share[: len(images), None])
+        Noise changes an image's amplitude as much as its phase. So the amplitudes of the result
+        show the errors that the repeated tone adds to the phases.
+        """
+        first, last = again.astype(np.complex128)
+        turn = np.divide(last, first, out=np.ones_like(last), where=(first != 0) & (last != 0))
+        share = self.share[: len(images), None]
+        return (images * np.exp(-share * np.log(turn))).astype(images.dtype)
+
+
+def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:
+    """Find the first of a method's tones_hz [f] that a capture has measured more than once. Raises
+    HandbenchError if the capture has no times, or no such tone."""
+    index, times_s = capture.tone_index(tones_hz), capture.times_s
+    without = "or use the method with doppler=False"
+    if times_s is None:
+        raise HandbenchError(
+            "times_s: are missing, but a velocity needs the time of every tone; add times_s "
+            f"[frequency] in seconds to the echoes, {without}"
+        )
+    for tone, first in enumerate(index):
+        same = np.isclose(capture.frequencies_hz, capture.frequencies_hz[first], SAME, 0)
+        last = int(np.where(same, times_s, -np.inf).argmax())
+        if (interval_s := float(times_s[last] - times_s[first])) > 0:
+            f, f_k = capture.vacuum_hz[index], float(capture.vacuum_hz[first])
+            share = f * (times_s[index] - times_s.min()) / (f_k * interval_s)
+            limit_m_s = SPEED_OF_LIGHT_M_S / (4 * f_k * interval_s)
+            return Repetition(tone, np.array([first, last]), limit_m_s, share)
+    tones_ghz = ", ".join(f"{hz / 1e9:.4g}" for hz in capture.frequencies_hz[index])
+    raise HandbenchError(
+        f"frequencies: none of the method's tones ({tones_ghz} GHz) is measured at two times "
+        f"of a frame, which a velocity needs; measure the first tone again after the last, "
+        f"{without}"
+    )

@@ -12,6 +12,7 @@ from handbench.radar.data.arrays import channel_ends
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.advice import requested_tones_hz
+from handbench.radar.methods.doppler import repetition
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
@@ -37,6 +38,10 @@ def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> N
         if asked_hz is None
         else (capture.tones(asked_hz, frame)[0], asked_hz)
     )
+    if asked_hz is not None and getattr(config, "doppler", False):
+        last = repetition(capture, asked_hz).measured[1:]
+        used = np.append(used, samples[last], axis=0)
+        used_hz = np.append(used_hz, capture.frequencies_hz[last])
     for sentence in tone_problems(used, used_hz):
         raise HandbenchError(f"echoes: in frame {frame}, {sentence}")
     point_m = POINT_WAVELENGTHS * shortest_m(capture)

@@ -14,7 +14,6 @@ from handbench.support.config import Tone
 
 Lateral = Annotated[Axis, Field(description="pixels")]
 PAPER_LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)
-SETTLING = 5  # corrections after which z_e has converged, if it converges
 SIGMAS = 3  # a rung is out of reach when the last one's error, times this, exceeds its ambiguity
 
 
@@ -56,10 +55,7 @@ class FskConfig(PixelsConfig):
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )
     corrections: int = Field(
-        default=1, ge=1, le=1000, description="times that z_e is corrected, at most (paper: once)"
-    )
-    settled_m: float = Field(
-        default=0.005, gt=0, le=1, description="z_e is corrected while it moves by more than this"
+        default=1, ge=1, le=1000, description="times that z_e is corrected (paper: once)"
     )
     off_axis: bool = Field(
         default=False, description="use the path's true derivative along z instead of 2"

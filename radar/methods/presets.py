@@ -14,7 +14,6 @@ from pydantic import Field, create_model
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.fsk_config import (
-    SETTLING,
     AnyConfig,
     JointConfig,
     LadderConfig,
@@ -107,22 +106,6 @@ _preset(
     PAPER,
 )
 
-_preset(
-    _fsk,
-    "2fsk-settled",
-    "2-FSK settled",
-    TwoToneConfig,
-    "2-FSK that corrects z_e until it stays",
-    corrections=SETTLING,
-)
-_preset(
-    _fsk,
-    "3fsk-settled",
-    "3-FSK settled",
-    ThreeToneConfig,
-    "3-FSK that corrects z_e until it stays",
-    corrections=SETTLING,
-)
 _preset(
     _fsk,
     "3fsk-offaxis",

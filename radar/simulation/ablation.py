@@ -17,7 +17,6 @@ from handbench.radar.data.grid import Axis
 from handbench.radar.methods.fsk import fsk
 from handbench.radar.methods.fsk_config import (
     PAPER_LATERAL,
-    SETTLING,
     AnyConfig,
     ThreeToneConfig,
     TwoToneConfig,
@@ -152,7 +151,7 @@ class Ablation:
         low_hz, near_hz, high_hz = self.scene.frequencies_hz
         given = {"x": x, "y": y, "tolerance": TOLERANCE}
         tones = {"f1_hz": high_hz, "f2_hz": near_hz}
-        start = {"first_depth_m": (z.start_m + z.stop_m) / 2, "corrections": SETTLING}
+        start = {"first_depth_m": (z.start_m + z.stop_m) / 2, "corrections": 5}
         filters = {"coarse_filter_px": size_px, "fine_filter_px": size_px}
         configs: dict[str, AnyConfig] = {
             "2fsk": TwoToneConfig(**given, **tones, **start),

@@ -9,7 +9,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk import depth_step_m, masked_mean
-from handbench.radar.methods.fsk_config import SETTLING, ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
@@ -34,7 +34,7 @@ def anywhere(edge_m=0.15):
 @examples(8)
 @given(point_m=anywhere())
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
-    config = ThreeToneConfig(off_axis=True, fine_filter_px=1, corrections=SETTLING)
+    config = ThreeToneConfig(off_axis=True, fine_filter_px=1, corrections=5)
     depth = fsk_with_uncertainty(point_capture(point_m), config)
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
