@@ -17,7 +17,7 @@ from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import Choice
 from handbench.support.config import Config, Name, load, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, inside, require_file, write_text

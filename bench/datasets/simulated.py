@@ -30,7 +30,7 @@ from handbench.groundtruth.cameras.cameras import load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.mesh_files import write_mesh
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import Choice
 from handbench.radar.warmup import announce
 from handbench.support.files import atomic_folder, atomic_path, write_text
 from handbench.support.parallel import for_each

@@ -11,9 +11,9 @@ from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget,
 from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.bench.scenes.stand import PLATE_BOX_M, cuboid
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
-from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.ablation import explain
 from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
-from handbench.radar.simulation.scene import Ball, Body, EchoScene
+from handbench.radar.simulation.scene import Ball, Body, Choice, EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from handbench.support.files import inside
@@ -34,9 +34,10 @@ def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) 
 
 
 def explained(scene: Scene) -> tuple[Choice, ...]:
-    """Return one row for each effect of the scene: whether it is simulated, and why, with its size
-    from coarse simulations with and without it."""
-    return choose(echo_scene(scene), scene.file.effects, explain=True)
+    """Return one row for each effect of the scene: whether it is simulated, and why, with what
+    leaving it out of a coarse simulation changes."""
+    radar_scene = echo_scene(scene)
+    return explain(radar_scene, choose(radar_scene, scene.file.effects))
 
 
 def echo_scene(scene: Scene) -> EchoScene:

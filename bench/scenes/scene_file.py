@@ -12,7 +12,6 @@ from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
 from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
-from handbench.radar.simulation.known_effects import IDS
 from handbench.radar.simulation.scene import Material
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
@@ -49,19 +48,21 @@ class _Solid(_Placed):
     roughness: Roughness = Roughness()
 
 
-def one_of(known: Collection[str]) -> AfterValidator:
-    """Return the check that a name is one of the known ones."""
-
-    def check(name: str) -> str:
-        if name not in known:
-            raise ValueError(f"this name is unknown; {suggest(name, list(known))}")
-        return name
-
-    return AfterValidator(check)
+def require_one_of(name: str, known: Collection[str]) -> str:
+    """Return the name. Raises ValueError if it is not one of the known ones."""
+    if name not in known:
+        raise ValueError(f"this name is unknown; {suggest(name, list(known))}")
+    return name
 
 
-EffectName = Annotated[str, one_of(IDS)]
-Letter = Annotated[str, one_of(POSES), Tag("letter")]
+def _require_effect(name: str) -> str:
+    from handbench.radar.simulation.catalogue import EFFECTS  # here, since it loads the engine
+
+    return require_one_of(name, [effect.id for effect in EFFECTS])
+
+
+EffectName = Annotated[str, AfterValidator(_require_effect)]
+Letter = Annotated[str, AfterValidator(lambda pose: require_one_of(pose, POSES)), Tag("letter")]
 AnyPose = Annotated[
     Letter | Annotated[Pose, Tag("Pose")],
     Discriminator(lambda pose: "letter" if isinstance(pose, str) else "Pose"),

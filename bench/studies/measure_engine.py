@@ -60,9 +60,10 @@ class EngineCase:
 def hand() -> Scatterers:
     """Return the facets of a hand in the pose of the letter F that the array sees."""
     scene = build(SceneFile(version=1, name="F", target={"kind": "hand", "pose": "F"}))
-    surface = shadow_centre(bare_echoes(echo_scene(scene))).surface
-    assert surface is not None  # a hand has one
-    return surface.facets.optics
+    echoes = bare_echoes(echo_scene(scene))
+    shadow_centre(echoes)
+    assert echoes.surface is not None  # a hand has one
+    return echoes.surface.facets.optics
 
 
 def cases(

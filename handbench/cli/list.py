@@ -12,7 +12,7 @@ from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.radar.methods.registry import Method, methods
-from handbench.radar.simulation.known_effects import DECLARED
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import print_wrapped
@@ -76,8 +76,8 @@ def _entries(section: str) -> Iterator[Entry]:
         for name, file in embedded_benchmarks().items():
             yield Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "))
     elif section == "effects":
-        for name, effect in DECLARED.items():
-            yield Entry(name, effect["does"], details={"source": effect["source"]})
+        for effect in EFFECTS:
+            yield Entry(effect.id, effect.does, details={"source": effect.source})
     elif section == "datasets":
         for name, reader in (FOREIGN | IMPORTERS).items():
             summary = " ".join((reader.__doc__ or "").split()).partition(". ")[0]

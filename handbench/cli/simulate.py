@@ -11,7 +11,7 @@ from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import explained
 from handbench.bench.scenes.photographs import photo_effects
 from handbench.cli.options import free_folder
-from handbench.radar.simulation.known_effects import Choice
+from handbench.radar.simulation.scene import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import counted
@@ -19,8 +19,8 @@ from handbench.support.progress import counted
 
 def run(options: argparse.Namespace) -> None:
     """Simulate a scene and write its capture, or all captures of a benchmark.
-    With --explain, only print the physical effects that would be simulated: the size of each, and
-    why it is on or off."""
+    With --explain, only print the physical effects: what leaving each out of a coarse simulation
+    changes, its time, and why it is on or off."""
     if _is_benchmark(options.scene):
         _simulate_benchmark(options)
         return
@@ -61,9 +61,9 @@ def _is_benchmark(path: Path) -> bool:
 
 
 def show(rows: tuple[Choice, ...]) -> None:
-    """Print physical effects on stdout: a table of those that are on or have a known size, with the
-    change of depths, the share of pixels lost or gained, the level and the computing time, as far
-    as there are any; and a table of the others, which says why they are off."""
+    """Print physical effects on stdout: a table of those that are on, with the change of depths and
+    echoes and the computing time, as far as there are any; and a table of the others, which says
+    why they are off."""
     import pandas as pd
 
     from handbench.reports.tables.rounding import NONE, figure
@@ -73,8 +73,6 @@ def show(rows: tuple[Choice, ...]) -> None:
     table = pd.DataFrame([row.model_dump() for row in rows]).set_index("effect")
     sizes = {
         "depth (mm)": table.depth_mm.map(lambda mm: figure(mm, unit="mm")),
-        "worst (mm)": table.worst_mm.map(lambda mm: figure(mm, unit="mm")),
-        "pixels (%)": table.pixels_percent.map(lambda percent: figure(percent, unit="%")),
         "level (dB)": table.level_db.map(figure),
         "time (s)": table.seconds.map(figure),
     }

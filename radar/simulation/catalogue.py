@@ -1,8 +1,8 @@
-"""The effects of simulated echoes, in the order in which they are applied, which is that of
-known_effects.toml. Each has its cause in a scene and the function that applies it."""
+"""The effects of simulated echoes, in the order in which they are applied."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from handbench.radar.simulation.effects import (
     clutter,
@@ -13,126 +13,173 @@ from handbench.radar.simulation.effects import (
     target_surface,
 )
 from handbench.radar.simulation.movement import moves
+from handbench.radar.simulation.physics.facets import convex_block
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes
-
-SURFACE = "a target with a surface"
 
 
 @dataclass(frozen=True)
 class Effect:
     """One effect of simulated echoes.
 
-    id: its name in scene files and in known_effects.toml; needs: the cause that a scene must have,
-    in words; cause: function that tells whether a scene has it; apply: function that returns the
-    echoes with the effect; way: function from a scene to how the effect is simulated there, in
-    words ("": always in the same way).
+    id: its name in scene files; does: what it does; source: the source of its model; needs: what in
+    a scene calls for it, in words; cause: function that tells whether a scene has that; apply: the
+    function of the effect. It takes the `Echoes` and changes them in place or, if the effect is one
+    of RECORDING, it takes the `Echoes` and the samples [frame, f, t, r], and returns the samples
+    with the effect.
     """
 
     id: str
+    does: str
+    source: str
     needs: str
     cause: Callable[[EchoScene], bool]
-    apply: Callable[[Echoes], Echoes]
-    way: Callable[[EchoScene], str] = lambda scene: ""
-
-    def missing(self, scene: EchoScene) -> str:
-        """Return the cause that the scene lacks for this effect, in words; "" if the scene has
-        it."""
-        return "" if self.cause(scene) else self.needs
+    apply: Callable[..., Any]
 
 
 def _has_surface(scene: EchoScene) -> bool:
     return scene.target is not None
 
 
-def _rough(scene: EchoScene) -> bool:
-    return scene.target is not None and scene.causes.roughness.sigma_m > 0
+def _hides(scene: EchoScene) -> bool:
+    """Tell whether a part of the target can hide another part, or the room, and mirror onto it."""
+    return scene.target is not None and bool(
+        scene.room or scene.balls or not convex_block(scene.target)
+    )
 
 
-def _imperfect_channels(scene: EchoScene) -> bool:
-    causes = scene.causes.channels
-    return causes.gain_db > 0 or causes.phase_rad > 0 or causes.delay_m > 0
+SURFACE = "a target with a surface"
+PARTS = "a target with a surface that is no lone plate or box"
 
-
-EFFECTS: tuple[Effect, ...] = (
+SHAPING: tuple[Effect, ...] = (
     Effect(
         "positions",
+        "true antenna positions about the nominal ones",
+        "normal errors of the given spread, drawn once per scene",
         "[sensor.positions] with sigma_m",
         lambda scene: scene.causes.positions.sigma_m > 0,
         sensor.positions,
     ),
     Effect(
         "pattern",
+        "the antennas' directivity",
+        "cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public",
         "[sensor.pattern] with beamwidth_deg",
         lambda scene: scene.causes.pattern.beamwidth_deg is not None,
         sensor.pattern,
     ),
-    Effect("obliquity", SURFACE, _has_surface, target_surface.obliquity),
-    Effect("shadow_centre", SURFACE, _has_surface, target_surface.shadow_centre),
-    Effect("shadow_antennas", SURFACE, _has_surface, target_surface.shadow_antennas),
-    Effect("shadow_diffraction", SURFACE, _has_surface, target_surface.shadow_diffraction),
+    Effect(
+        "obliquity",
+        "facets scatter by physical optics, each antenna's angle",
+        "the integrand 2n·û of physical optics, see handbench.radar.simulation.forward",
+        SURFACE,
+        _has_surface,
+        target_surface.obliquity,
+    ),
+    Effect(
+        "shadow",
+        "shadows of each antenna, blurred by diffraction",
+        "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962; waves that creep: Pathak 1979",
+        PARTS,
+        _hides,
+        target_surface.shadow_diffraction,
+    ),
     Effect(
         "skin",
+        "reflection of skin, with the palm's horny layer",
+        "Gabriel et al. 1996 and Alekseev & Ziskin 2007",
         "a target of skin",
         lambda scene: scene.target is not None and scene.target.material.kind == "skin",
         target_surface.skin,
     ),
     Effect(
         "dielectric",
+        "foam delays the echoes of balls; plastic reflects in part",
+        "Fresnel at normal incidence, straight rays with (n − 1)·path",
         "a target of plastic, or balls in foam",
         dielectric.has_dielectric,
         dielectric.dielectric,
     ),
     Effect(
         "roughness",
+        "roughness and layer lines: facets displaced and weakened",
+        "random Fourier features of a Gaussian correlation; coherent loss exp(−2k²σ²): Ament 1953",
         "[target.roughness] with rms_m or layer_depth_m",
-        _rough,
+        lambda scene: scene.target is not None and scene.causes.roughness.sigma_m > 0,
         target_surface.roughness,
     ),
-    Effect("multipath", SURFACE, _has_surface, multipath.multipath),
+    Effect(
+        "multipath",
+        "echoes over two to four places of the target",
+        "shooting and bouncing rays: Ling, Chou & Lee 1989; round mirrors: Pathak 1979",
+        PARTS,
+        _hides,
+        multipath.multipath,
+    ),
+)
+RECORDING: tuple[Effect, ...] = (
     Effect(
         "motion",
+        "the target moves from tone to tone, and its fingers",
+        "Δz = (f/Δf)·Δδ, the motion between two tones as a phase; tremor: Elble & Randall 1978",
         "[target.motion] with an amplitude, a velocity, a rotation or a pose",
         moves,
         motion.motion,
-        motion.way_of_motion,
     ),
     Effect(
         "coupling",
+        "leakage from transmitters to receivers",
+        "a direct wave at the level that the scene gives",
         "[sensor.coupling] with level_db",
         lambda scene: scene.causes.coupling.level_db is not None,
         sensor.coupling,
     ),
     Effect(
-        "clutter", "[stand] with reflectivity_db", lambda scene: bool(scene.room), clutter.clutter
+        "clutter",
+        "echoes of what stands around the target",
+        "physical optics of the room, cut out where the target stands before it",
+        "[stand] with reflectivity_db",
+        lambda scene: bool(scene.room),
+        clutter.clutter,
     ),
-    Effect("channels", "[sensor.channels] with an error", _imperfect_channels, sensor.channels),
+    Effect(
+        "channels",
+        "gain, phase and delay errors of each antenna",
+        "normal errors of the given spread, drawn once per scene",
+        "[sensor.channels] with an error",
+        lambda scene: any(scene.causes.channels.model_dump().values()),
+        sensor.channels,
+    ),
     Effect(
         "oscillator",
+        "phase noise of the common oscillator",
+        "range correlation, Budge & Burt 1993",
         "[sensor.oscillator] with level_dbc_hz",
         lambda scene: scene.causes.oscillator.level_dbc_hz is not None,
         sensor.oscillator,
     ),
     Effect(
         "noise",
+        "thermal noise of the receivers",
+        "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z",
         "[noise] with phase_noise_rad or snr_db",
         lambda scene: scene.causes.noise.between_tones_rad > 0,
         sensor.noise,
     ),
     Effect(
         "converter",
+        "quantisation and clipping by the converter",
+        "white noise of step²/12 per quadrature (Widrow & Kollár 2008)",
         "[sensor.converter] with bits",
         lambda scene: scene.causes.converter.bits is not None,
         sensor.converter,
     ),
     Effect(
         "dead",
+        "antennas that give nothing",
+        "zeros in those channels",
         "[sensor.dead] with tx or rx",
         lambda scene: bool(scene.causes.dead.tx or scene.causes.dead.rx),
         sensor.dead,
     ),
 )
-# An effect is included in the other one, if that is on.
-CONTAINED = {"shadow_centre": "shadow_antennas", "shadow_antennas": "shadow_diffraction"}
-# Not needed where no part of the target hides another part or mirrors onto it.
-BETWEEN_PARTS = frozenset({"shadow_antennas", "shadow_diffraction", "multipath"})
+EFFECTS = SHAPING + RECORDING

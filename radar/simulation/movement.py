@@ -10,8 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.scene_echoes import generator, seed_of
+from handbench.radar.simulation.scene import EchoScene, generator
 from handbench.support.errors import HandbenchError
 
 DIFFERENCE_S = 1e-4  # between the two times of a velocity's difference: 9 Hz err by 1e-6
@@ -32,22 +31,17 @@ class Instant(NamedTuple):
 def moves(scene: EchoScene) -> bool:
     """Tell whether the scene's target moves."""
     motion = scene.causes.motion
-    return bool(motion.amplitude_m or motion.velocity_m_s) or reshapes(scene)
-
-
-def reshapes(scene: EchoScene) -> bool:
-    """Tell whether the scene's target turns or moves its fingers."""
-    return any(scene.causes.motion.rotation_deg_s) or scene.bent is not None
+    rates = (motion.amplitude_m, motion.velocity_m_s, *motion.rotation_deg_s)
+    return any(rates) or scene.bent is not None
 
 
 def frame_starts(scene: EchoScene, frames: int) -> list[Instant]:
     """Return when each frame starts. If the scene has a frame period, one movement goes on through
     all frames; otherwise each frame has its own, with its own phase of the tremor."""
-    seeds = [seed_of(scene, "motion", 0, frame) for frame in range(frames)]
+    phases = [0.0] * frames
     if scene.causes.motion.amplitude_m:
+        seeds = [scene.seeds("motion", 0, frame) for frame in range(frames)]
         phases = [generator(seed).uniform(0, 2 * np.pi) for seed in seeds]
-    else:
-        phases = [0.0] * frames
     if scene.frame_period_s is None:
         return [Instant(0.0, phase) for phase in phases]
     return [Instant(frame * scene.frame_period_s, phases[0]) for frame in range(frames)]

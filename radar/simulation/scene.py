@@ -1,6 +1,7 @@
 """The scene of a simulation: bodies with their materials in front of an array, and the causes of
-effects."""
+effects; and the row of an effect in the table of a simulation."""
 
+import zlib
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -12,9 +13,6 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.simulation.causes import Causes
 from handbench.support.config import Config
 
-DEPTH_STEP_HZ = 2.5e9  # f1 − f3 of the paper's 3-FSK: the step that its depths come from
-# coarse step between tones relative to depth_step_hz, as 200 MHz to 2.5 GHz
-COARSE = 0.08
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
 
 
@@ -59,6 +57,17 @@ class Ball:
     foam_radius_m: float = 0.0
     foam_permittivity: float = 1.0
 
+    @property
+    def foam_delay_m(self) -> float:
+        """The extra one-way path of the ball's echo through its foam, metres: (n − 1)·(R_foam −
+        r_ball), where n is the foam's refractive index.
+
+        The foam is centred on the ball, so that a ray to the ball's specular point runs along a
+        radius and is not refracted.
+        """
+        foam_m = max(self.foam_radius_m - self.radius_m, 0.0)
+        return (float(np.sqrt(self.foam_permittivity)) - 1) * foam_m
+
 
 @dataclass(frozen=True, eq=False)
 class EchoScene:
@@ -71,8 +80,7 @@ class EchoScene:
     stay when the target is removed; causes: causes of the effects, such as noise or motion; seed:
     seed of all random draws. origin_m [3]: the target's origin, to which causes.motion.pivot_m is
     relative; bent: the target's vertices [n, 3] as a function of time in seconds, with the motion
-    of a hand's fingers alone (None: the target moves as a whole or not at all). depth_step_hz:
-    difference of the two tones for which an ablation determines depths.
+    of a hand's fingers alone (None: the target moves as a whole or not at all).
     polarisation_deg: direction of the antennas' electric field, from x towards y (used for balls
     and for echoes over two or more places).
 
@@ -87,7 +95,6 @@ class EchoScene:
     room: tuple[Body, ...] = ()
     causes: Causes = field(default_factory=Causes)
     seed: int = 0
-    depth_step_hz: float = DEPTH_STEP_HZ
     polarisation_deg: float = 90.0
     coarser: float = 1.0
     frame_period_s: float | None = None
@@ -117,39 +124,17 @@ class EchoScene:
         return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
-    def pair_hz(self) -> tuple[float, float]:
-        """The two tones (high, low) in Hz whose phase difference determines depth: the highest
-        tone, and the tone nearest to depth_step_hz below it. If there is only one tone, the second
-        value is exactly depth_step_hz lower, although it is not measured."""
-        high_hz = float(self.frequencies_hz.max())
-        wanted_hz = high_hz - self.depth_step_hz
-        below_hz = np.unique(self.frequencies_hz)[:-1][::-1]  # of two as near, the higher
-        return high_hz, float(below_hz[np.abs(below_hz - wanted_hz).argmin()]) if len(
-            below_hz
-        ) else wanted_hz
-
-    @property
-    def coarse_hz(self) -> float | None:
-        """The second tone of two-tone FSK in Hz, close to the highest tone: the measured tone that
-        is nearest to COARSE · depth_step_hz (200 MHz for 2.5 GHz) below the highest. None if it
-        differs from that by half of this distance or more."""
-        usual_hz, below_hz = (
-            COARSE * self.depth_step_hz,
-            self.frequencies_hz.max() - self.frequencies_hz,
-        )
-        nearest = int(np.abs(below_hz - usual_hz).argmin())
-        return (
-            float(self.frequencies_hz[nearest])
-            if abs(below_hz[nearest] - usual_hz) < usual_hz / 2
-            else None
-        )
-
-    @property
     def middle_m(self) -> np.ndarray:
         """The mean [3] of the centres of the target and of its balls, metres."""
         middles = [ball.centre_m for ball in self.balls]
         middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
         return np.mean(middles, axis=0)
+
+    def seeds(self, effect: str, *keys: int) -> tuple[int, ...]:
+        """Return the seed of an effect's random numbers. It depends only on the scene's seed, the
+        effect's name and further `keys`, so that the numbers do not change when other effects are
+        switched on or off."""
+        return (self.seed, zlib.crc32(effect.encode()), *keys)
 
     def cached(self, key: Hashable, make: Any) -> Any:
         """Return the value stored in this scene under `key`. The first time, it is computed by
@@ -157,3 +142,23 @@ class EchoScene:
         if key not in self._cache:
             self._cache[key] = make()
         return self._cache[key]
+
+
+def generator(seed: tuple[int, ...]) -> np.random.Generator:
+    """Return the random number generator for a seed from `EchoScene.seeds`."""
+    return np.random.default_rng(np.random.SeedSequence(seed))
+
+
+class Choice(Config):
+    """The row of one effect in the table of a simulation: whether it is on, and why.
+
+    depth_mm, level_db: what leaving the effect out changes (`--explain`; None: not measured).
+    seconds: the time it took (None: the effect is off, or nothing was simulated).
+    """
+
+    effect: str
+    on: bool
+    why: str
+    depth_mm: float | None = None
+    level_db: float | None = None
+    seconds: float | None = None

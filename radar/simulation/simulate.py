@@ -1,40 +1,19 @@
 """Simulation of the capture of a scene, with the effects that are on."""
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.simulation.catalogue import EFFECTS
-from handbench.radar.simulation.known_effects import Choice
-from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.scene_echoes import TARGET, Echoes, bare_echoes
+from handbench.radar.simulation.catalogue import RECORDING, SHAPING
+from handbench.radar.simulation.scene import Choice, EchoScene
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.parallel import one_blas_thread
 
-
-@dataclass
-class Stopwatch:
-    """Measures the seconds of named blocks of code. The time of a block that runs inside another
-    one counts only for the inner block."""
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    _inner: list[float] = field(default_factory=list)
-
-    @contextmanager
-    def timed(self, name: str) -> Iterator[None]:
-        """Return a context manager that adds the time of its `with` block to `seconds[name]`."""
-        self._inner.append(0.0)
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            elapsed = time.perf_counter() - start
-            self.seconds[name] = self.seconds.get(name, 0.0) + elapsed - self._inner.pop()
-            if self._inner:
-                self._inner[-1] += elapsed
+TARGET = "echoes"  # row of the target's own echoes in the table of effects and times
 
 
 @dataclass(frozen=True)
@@ -75,41 +54,42 @@ def simulate_scene(
     empty: also simulate the room without the target, with the same sensor errors but another
     realisation of the noise.
     """
-    watch, on = Stopwatch(), {row.effect for row in choices if row.on}
-    timed = "motion" in on or len(np.unique(scene.frequencies_hz)) < len(scene.frequencies_hz)
+    on = {row.effect for row in choices if row.on}
+    shape = (frames + empty, len(scene.frequencies_hz), *scene.array.channels)
+    seconds: dict[str, float] = {}
+
+    def timed(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        start = time.perf_counter()
+        result = function(*arguments)
+        seconds[name] = time.perf_counter() - start
+        return result
+
     with one_blas_thread():  # or the last digits would depend on the number of cores
-        echoes = _applied(bare_echoes(scene, frames, tolerance), on, watch)
-        room = None
-        if empty:
-            bare = bare_echoes(scene, 1, tolerance, echoes.levels)
-            room = _capture(_applied(bare, on, Stopwatch()), timed)
-    seconds = {name: watch.seconds.get(name, 0.0) for name in on}
-    rows = tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in choices)
+        echoes = bare_echoes(scene, frames, tolerance, empty)
+        for effect in SHAPING:
+            if effect.id in on:
+                timed(effect.id, echoes.shape, effect.apply)
+        samples = np.zeros(shape, np.complex64)
+        samples[:frames] = timed(TARGET, echoes.samples)
+        for effect in RECORDING:
+            if effect.id in on:
+                samples = timed(effect.id, effect.apply, echoes, samples)
     why = "the target's echoes, with what shapes them"
-    base = Choice(effect=TARGET, on=True, why=why, seconds=watch.seconds[TARGET])
-    return SimulatedCapture(_capture(echoes, timed), (base, *rows), room)
+    rows = (Choice(effect=TARGET, on=True, why=why), *choices)
+    return SimulatedCapture(
+        _capture(scene, samples[:frames], "motion" in on),
+        tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in rows),
+        _capture(scene, samples[frames:], "motion" in on) if empty else None,
+    )
 
 
-def _capture(echoes: Echoes, timed: bool) -> RadarCapture:
-    """Return the samples as a capture. timed: with the times of tones and, if they follow each
-    other, of frames."""
-    scene = echoes.scene
-    capture = RadarCapture(echoes.samples, scene.frequencies_hz, scene.array)
-    if not timed:
+def _capture(scene: EchoScene, samples: np.ndarray, moving: bool) -> RadarCapture:
+    """Return the samples as a capture. It has the times of tones if the target moves or a tone is
+    repeated, and then those of frames if they follow each other."""
+    capture = RadarCapture(samples, scene.frequencies_hz, scene.array)
+    if not moving and len(np.unique(scene.frequencies_hz)) == len(scene.frequencies_hz):
         return capture
     capture = replace(capture, times_s=scene.time_s)
-    if scene.frame_period_s is None or echoes.frames == 1:
+    if scene.frame_period_s is None or len(samples) == 1:
         return capture
-    return replace(capture, frame_times_s=scene.frame_period_s * np.arange(echoes.frames))
-
-
-def _applied(echoes: Echoes, on: set[str], watch: Stopwatch) -> Echoes:
-    """Apply the effects in `on`, in the order of the catalogue, and compute the samples. The
-    seconds of each effect are recorded in `watch`."""
-    echoes = replace(echoes, timed=watch.timed)
-    for effect in EFFECTS:
-        if effect.id in on:
-            with watch.timed(effect.id):
-                echoes = echoes.through(effect.apply)
-    np.asarray(echoes.samples)  # computes them if no effect has
-    return echoes
+    return replace(capture, frame_times_s=scene.frame_period_s * np.arange(len(samples)))

@@ -15,7 +15,7 @@ from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.methods.registry import methods
-from handbench.radar.simulation.known_effects import IDS
+from handbench.radar.simulation.catalogue import EFFECTS
 from tests.cli.conftest import PIXELS
 
 IMAGE = "reconstruct made/capture -o out.npz --method"
@@ -125,10 +125,11 @@ def test_effects_are_explained_before_and_kept_after_a_simulation(made, capsys, 
     monkeypatch.setattr("handbench.bench.datasets.simulated.echoes", lambda *_: 1 / 0)
     assert main(["simulate", str(made / "bench" / "ball.toml"), "--explain"]) == 0
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
-    assert set(IDS) < set(lines)
+    names = {effect.id for effect in EFFECTS}
+    assert names < set(lines)
     assert "on" in lines["obliquity"].split() and "needs [noise]" in lines["noise"]
     rows = {row.effect: row for row in NativeCapture(made / "capture").about.effects}
-    assert set(rows) == {*IDS, "echoes"}
+    assert set(rows) == {*names, "echoes"}
     on, off = rows["obliquity"], rows["noise"]
     assert on.on and "cause" in on.why and on.seconds >= 0
     assert not off.on and off.seconds is None and "needs [noise]" in off.why

@@ -18,26 +18,35 @@ NODES_M = 0.03  # between the antennas for which the diffraction is computed
 SAMPLES_M = 8e-3  # between the points of the room for which it is
 
 
-def clutter(echoes: Echoes) -> Echoes:
+def clutter(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add the echoes of the room's bodies, which do not move with the target, by physical optics.
 
     Facets that the target hides from the aperture's centre are left out; if shadows are diffracted,
     each antenna has its own blurred shadow of the target instead. Waves that meet both target and
     room are not simulated.
     """
-    scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
-    rays = _rays([*scene.room, *([scene.body] if echoes.with_target and scene.target else [])])
-    added = np.zeros(echoes.samples.shape[1:], np.complex64)
-    for body in scene.room:
-        optics = _seen_behind(echoes, rays, body)
+    rooms = np.concatenate([room_echoes(echoes, echoes.scene.target)[None]] * echoes.frames)
+    if echoes.empty:
+        rooms = np.concatenate([rooms, room_echoes(echoes, None)[None]])
+    return samples + rooms
+
+
+def room_echoes(echoes: Echoes, target: Body | None) -> np.ndarray:
+    """Simulate the echoes of the room's bodies behind a target, or of the room without it:
+    complex64 [f, t, r]."""
+    tones_hz, room = echoes.scene.frequencies_hz, echoes.scene.room
+    rays = _rays([*room, *([] if target is None else [target])])
+    samples = np.zeros((len(tones_hz), *echoes.array.channels), np.complex64)
+    for body in room:
+        optics = _seen_behind(echoes, target, rays, body)
         echo = simulate(
             optics, tones_hz, echoes.array, tolerance=echoes.tolerance, pattern=echoes.pattern
         )
-        added += echo * body_reflection(body, tones_hz).astype(np.complex64)[:, None, None]
-    return echoes.record(echoes.samples + added)
+        samples += echo * body_reflection(body, tones_hz).astype(np.complex64)[:, None, None]
+    return samples
 
 
-def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
+def _seen_behind(echoes: Echoes, target: Body | None, rays: Rays, body: Body) -> Scatterers:
     """Return as scatterers the facets of a body of the room that the target does not hide from the
     aperture's centre.
 
@@ -45,12 +54,12 @@ def _seen_behind(echoes: Echoes, rays: Rays, body: Body) -> Scatterers:
     target changes the fields of the antennas there.
     """
     scene, surface = echoes.scene, echoes.surface
-    if surface is None or surface.sight is None:
+    if target is None or surface is None or surface.sight is None:
         facets = front_facets(scene, body)
         return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
     facets = front_facets(scene, body, LONGEST)
-    samples = samples_of(body, facets, SAMPLES_M)
-    sight, some = sight_of(scene, surface.body, samples, rays, echoes.array, NODES_M)
+    points = samples_of(body, facets, SAMPLES_M)
+    sight, some = sight_of(scene, target, points, rays, echoes.array, NODES_M)
     return replace(facets.optics, sight=sight).where(some)
 
 

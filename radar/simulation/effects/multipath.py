@@ -18,7 +18,7 @@ BOUNCES = 4  # places that a wave meets, at most
 PATCH = 0.25  # longest edge of a mirror, wavelengths
 
 
-def multipath(echoes: Echoes) -> Echoes:
+def multipath(echoes: Echoes) -> None:
     """Add the waves that meet two to four places of the target's surface. Every place but the last
     reflects like a mirror, and the last radiates by physical optics.
 
@@ -28,7 +28,7 @@ def multipath(echoes: Echoes) -> Echoes:
     """
     surface, scene = echoes.surface, echoes.scene
     if surface is None:
-        return echoes
+        return
     body, rays, layer = (
         surface.body,
         rays_of(scene, surface.body),
@@ -40,7 +40,7 @@ def multipath(echoes: Echoes) -> Echoes:
     antennas_m = np.concatenate([leg.position_m for leg in echoes.array.legs])
     mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
     if not len(mirrors.face):
-        return echoes
+        return
     wavenumber = 0.0 if surface.sight is None else roundness_of(scene, body).wavenumber
     arrays = {1: echoes.array, -1: _exchanged(echoes.array)}
     found: dict[int, Bundles] = {}
@@ -53,21 +53,18 @@ def multipath(echoes: Echoes) -> Echoes:
 
     for_each(bounce, arrays)
     if not any(map(len, found.values())):
-        return echoes
+        return
 
-    def echo() -> np.ndarray:
-        # where it is off, that of metal
-        material = Material() if surface.reflection is None else body.material
-        ratios = round_ratios(material, float(scene.frequencies_hz.mean()))
-        total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
-        for sense, array in arrays.items():
-            one = found[sense].echo(
-                scene.frequencies_hz, array, surface.reflection, echoes.pattern, ratios
-            )
-            total += (one if sense > 0 else one.swapaxes(1, 2)) / 2
-        return total
-
-    return echoes.add("multipath", echo)
+    # where it is off, that of metal
+    material = Material() if surface.reflection is None else body.material
+    ratios = round_ratios(material, float(scene.frequencies_hz.mean()))
+    total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
+    for sense, array in arrays.items():
+        one = found[sense].echo(
+            scene.frequencies_hz, array, surface.reflection, echoes.pattern, ratios
+        )
+        total += (one if sense > 0 else one.swapaxes(1, 2)) / 2
+    echoes.bounced = total
 
 
 def _exchanged(array: AntennaArray) -> AntennaArray:

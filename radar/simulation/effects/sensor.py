@@ -3,51 +3,45 @@ channel errors, dead antennas, phase noise of the oscillator, thermal noise and 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy.special import sici
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.exact import exact_images
 from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.simulation.causes import Channels, Converter, Dead, Oscillator
-from handbench.radar.simulation.scene_echoes import Echoes, generator
+from handbench.radar.simulation.causes import Converter, Oscillator
+from handbench.radar.simulation.scene import generator
+from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.errors import HandbenchError
 
 OFFSET_HZ = 1e6  # where the oscillator's level is given
 PEAK_POINTS = 20_000  # surface points on which the strongest pixel is looked for
 
 
-def positions(echoes: Echoes) -> Echoes:
+def positions(echoes: Echoes) -> None:
     """Move each antenna from its nominal position by a normally distributed error in x, y and z.
     The simulated capture stores the nominal positions."""
-    sigma_m, legs_m = (
-        echoes.scene.causes.positions.sigma_m,
-        [leg.position_m for leg in echoes.array.legs],
-    )
-    draws = [generator(echoes.seed("positions", i)) for i in range(len(legs_m))]
-    moved = [
-        m + sigma_m * draw.standard_normal(m.shape) for m, draw in zip(legs_m, draws, strict=True)
-    ]
-    return replace(echoes, array=AntennaArray(*moved))
+    scene = echoes.scene
+    legs_m = []
+    for i, leg in enumerate(scene.array.legs):
+        normal = generator(scene.seeds("positions", i)).standard_normal(leg.position_m.shape)
+        legs_m.append(leg.position_m + scene.causes.positions.sigma_m * normal)
+    echoes.array = AntennaArray(*legs_m)
 
 
-def pattern(echoes: Echoes) -> Echoes:
+def pattern(echoes: Echoes) -> None:
     """Give every antenna the amplitude pattern cosᵠθ, θ from the z axis."""
-    return replace(echoes, pattern=echoes.scene.causes.pattern.exponent)
+    echoes.pattern = echoes.scene.causes.pattern.exponent
 
 
-def coupling(echoes: Echoes) -> Echoes:
+def coupling(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add a direct wave (leakage) from each transmitter to each receiver. Its amplitude falls with
     their distance; its mean power is set relative to that of the target's samples."""
-    samples, amplitude = echoes.samples, echoes.scene.causes.coupling.amplitude
-    level = echoes.level(
-        "coupling", lambda: amplitude * float(np.linalg.norm(samples) / np.sqrt(samples.size))
+    target = samples[: echoes.frames]
+    level = echoes.scene.causes.coupling.amplitude * float(
+        np.linalg.norm(target) / np.sqrt(target.size)
     )
-    return echoes.record(
-        samples + level * direct_wave(echoes.array, echoes.scene.frequencies_hz), coupling=level
-    )
+    return samples + level * direct_wave(echoes.array, echoes.scene.frequencies_hz)
 
 
 def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
@@ -59,40 +53,25 @@ def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
     return np.stack([gain * phasor(distance_m, f, -1) for f in frequencies_hz]).astype(np.complex64)
 
 
-def channels(echoes: Echoes) -> Echoes:
+def channels(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Multiply the samples by a random gain, phase and delay of each antenna, drawn once per
     scene."""
-    scene = echoes.scene
-    legs = enumerate(scene.array.channels)
-    drawn = [generator(echoes.seed("channels", i)).standard_normal((3, n)) for i, n in legs]
-    return echoes.record(
-        echoes.samples * _channel_factor(scene.causes.channels, scene.frequencies_hz, drawn)
-    )
-
-
-def _channel_factor(
-    causes: Channels, frequencies_hz: np.ndarray, drawn: list[np.ndarray]
-) -> np.ndarray:
-    """Compute the factor by which the errors of the antennas' channels multiply the samples:
-    complex64 [f, t, r]. drawn: normal random numbers [3, n] for gain, phase and delay, of the
-    transmitters and of the receivers."""
+    scene, causes = echoes.scene, echoes.scene.causes.channels
     legs = []
-    for gain, phase, delay in drawn:
+    for i, count in enumerate(scene.array.channels):
+        draw = generator(scene.seeds("channels", i))
+        gain, phase, delay = draw.standard_normal((3, count))
         still = 10 ** (causes.gain_db * gain / 20) * np.exp(1j * causes.phase_rad * phase)
-        legs.append(still * phasor(causes.delay_m * delay, frequencies_hz[:, None], -1))
-    return (legs[0][:, :, None] * legs[1][:, None]).astype(np.complex64)
+        legs.append(still * phasor(causes.delay_m * delay, scene.frequencies_hz[:, None], -1))
+    return samples * (legs[0][:, :, None] * legs[1][:, None]).astype(np.complex64)
 
 
-def dead(echoes: Echoes) -> Echoes:
-    """Set the samples of all channels with a dead antenna to zero."""
-    return echoes.record(silence_dead_antennas(echoes.samples, echoes.scene.causes.dead))
-
-
-def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
-    """Return the samples [..., t, r] with zeros in all channels with a dead antenna. Raises
-    HandbenchError for an antenna number that does not exist."""
+def dead(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
+    """Set the samples of all channels with a dead antenna to zero. Raises HandbenchError for an
+    antenna number that does not exist."""
+    causes = echoes.scene.causes.dead
     alive = np.ones(samples.shape[-2:], np.float32)
-    for name, numbers, axis in (("tx", dead.tx, 0), ("rx", dead.rx, 1)):
+    for name, numbers, axis in (("tx", causes.tx, 0), ("rx", causes.rx, 1)):
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
         if wrong:
             last = alive.shape[axis] - 1
@@ -104,7 +83,7 @@ def silence_dead_antennas(samples: np.ndarray, dead: Dead) -> np.ndarray:
     return samples * alive
 
 
-def oscillator(echoes: Echoes) -> Echoes:
+def oscillator(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add a random phase to every tone of every transmitter: phase noise of the common oscillator.
 
     The receiver mixes with the same oscillator, a delay τ later: noise of density L(f) is reduced
@@ -122,7 +101,7 @@ def oscillator(echoes: Echoes) -> Echoes:
     turns = np.stack(
         [generator(seed).standard_normal(shape) for seed in echoes.frame_seeds("oscillator")]
     )
-    return echoes.record((echoes.samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64))
+    return (samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64)
 
 
 def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
@@ -134,25 +113,20 @@ def phase_rad(oscillator: Oscillator, delay_s: float) -> float:
     return float(np.sqrt(8 * oscillator.density * OFFSET_HZ**2 * integral))
 
 
-def noise(echoes: Echoes) -> Echoes:
+def noise(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add white circular Gaussian noise to every channel, tone and frame. Its level is set relative
-    to the strongest pixel on the target's surface."""
-    tones_hz, sigma_rad = echoes.scene.frequencies_hz, echoes.scene.causes.noise.between_tones_rad
-    strongest = echoes.level("noise", lambda: _strongest(echoes))
-    frames = zip(echoes.samples, echoes.frame_seeds("noise"), strict=True)
-    samples = np.stack(
-        [thermal_noise(s, tones_hz, sigma_rad, strongest, seed) for s, seed in frames]
-    )
-    return echoes.record(samples, noise=strongest)
-
-
-def _strongest(echoes: Echoes) -> float:
-    """Return the amplitude of the strongest pixel on the target's surface, in the image of the
-    highest tone of the first frame."""
+    to the strongest pixel on the target's surface, in the image of the highest tone of the first
+    frame."""
+    scene, tones_hz = echoes.scene, echoes.scene.frequencies_hz
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
-    top = int(echoes.scene.frequencies_hz.argmax())
-    return strongest_amplitude(
-        echoes.samples[0, top], echoes.scene.frequencies_hz[top], echoes.scene.array, surface_m
+    top = int(tones_hz.argmax())
+    strongest = strongest_amplitude(samples[0, top], tones_hz[top], scene.array, surface_m)
+    noise_rad, frames = scene.causes.noise.between_tones_rad, echoes.frame_seeds("noise")
+    return np.stack(
+        [
+            thermal_noise(frame, tones_hz, noise_rad, strongest, seed)
+            for frame, seed in zip(samples, frames, strict=True)
+        ]
     )
 
 
@@ -197,13 +171,10 @@ def thermal_noise(
     return noisy
 
 
-def converter(echoes: Echoes) -> Echoes:
+def converter(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Round both quadratures to the converter's steps and clip them at its full scale."""
     causes = echoes.scene.causes.converter
-    scale = echoes.level("converter", lambda: full_scale(echoes.samples, causes))
-    return echoes.record(
-        np.stack([quantise(frame, causes, scale) for frame in echoes.samples]), converter=scale
-    )
+    return quantise(samples, causes, full_scale(samples[: echoes.frames], causes))
 
 
 def full_scale(samples: np.ndarray, converter: Converter) -> float:

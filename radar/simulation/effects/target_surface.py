@@ -18,41 +18,38 @@ from handbench.radar.simulation.physics.facets import Facets, face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
 from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from handbench.radar.simulation.physics.sight import NODES_M, samples_of, sight_of
-from handbench.radar.simulation.scene import CENTRE_M, Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, front_facets, generator
+from handbench.radar.simulation.scene import CENTRE_M, Body, EchoScene, generator
+from handbench.radar.simulation.scene_echoes import Echoes, front_facets
 
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an equilateral triangle's points along an axis over its area: 1/(6√3)
 
 
-def obliquity(echoes: Echoes) -> Echoes:
+def obliquity(echoes: Echoes) -> None:
     """Make each facet scatter by the angle at which each antenna sees it, as in physical optics,
     instead of evenly in all directions."""
-    return (
-        echoes
-        if echoes.surface is None
-        else replace(echoes, surface=replace(echoes.surface, oblique=True))
-    )
+    if echoes.surface is not None:
+        echoes.surface = replace(echoes.surface, oblique=True)
 
 
-def shadow_centre(echoes: Echoes) -> Echoes:
+def shadow_centre(echoes: Echoes) -> None:
     """Leave out the facets that face away from the aperture's centre or are hidden from it."""
     if echoes.surface is None:
-        return echoes
+        return
     facets, body = echoes.surface.facets, echoes.surface.body
     corners_m = body.vertices_m[body.faces[facets.face, 0]]
     front = (face_vectors(body.vertices_m, body.faces[facets.face]) * (CENTRE_M - corners_m)).sum(
         axis=1
     ) > 0
     front[front] = rays_of(echoes.scene, body).in_sight(facets.position_m[front], CENTRE_M)
-    return replace(echoes, surface=echoes.surface.where(front))
+    echoes.surface = echoes.surface.where(front)
 
 
-def shadow_antennas(echoes: Echoes) -> Echoes:
+def shadow_antennas(echoes: Echoes) -> None:
     """Compute for each antenna which facets it sees, with sharp shadows. Facets that no transmitter
     or no receiver sees are left out."""
     if echoes.surface is None:
-        return echoes
+        return
     body, array = echoes.surface.body, echoes.array
     # all facets again: others may see what the centre does not
     facets = front_facets(echoes.scene, body)
@@ -60,10 +57,10 @@ def shadow_antennas(echoes: Echoes) -> Echoes:
     seen = facets_in_sight(rays_of(echoes.scene, body), body, facets, antennas_m)
     tx, rx = np.split(seen, [len(array.tx_m)])
     surface = replace(echoes.surface, facets=facets, seen=(tx, rx))
-    return replace(echoes, surface=surface.where(np.asarray(tx.any(axis=0) & rx.any(axis=0))))
+    echoes.surface = surface.where(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
 
 
-def shadow_diffraction(echoes: Echoes) -> Echoes:
+def shadow_diffraction(echoes: Echoes) -> None:
     """Blur each antenna's shadows by diffraction: by waves that bend around outlines, and by waves
     that creep around round edges, which depend on polarisation.
 
@@ -71,18 +68,17 @@ def shadow_diffraction(echoes: Echoes) -> Echoes:
     shadows of multiple bounces stay sharp.
     """
     if echoes.surface is None:
-        return echoes
+        return
     scene, body = echoes.scene, echoes.surface.body
     facets = front_facets(scene, body)
     sight, some = sight_of(
         scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M
     )
-    return replace(
-        echoes, surface=replace(echoes.surface, facets=facets, seen=None, sight=sight).where(some)
-    )
+    surface = replace(echoes.surface, facets=facets, seen=None, sight=sight)
+    echoes.surface = surface.where(some)
 
 
-def skin(echoes: Echoes) -> Echoes:
+def skin(echoes: Echoes) -> None:
     """Apply the reflection of skin, a half-space under a horny layer that is thick only on the
     palm: weaker than metal's, with a phase that depends on frequency.
 
@@ -94,13 +90,11 @@ def skin(echoes: Echoes) -> Echoes:
     depth error of 2.6 mm.
     """
     if echoes.surface is None:
-        return echoes
+        return
     body, facets = echoes.scene.body, echoes.surface.facets
     layer = layers(body, facets.face)
-    surface = replace(
-        echoes.surface, reflection=reflections(body, echoes.scene.frequencies_hz), layer=layer
-    )
-    return replace(echoes, surface=surface)
+    reflection = reflections(body, echoes.scene.frequencies_hz)
+    echoes.surface = replace(echoes.surface, reflection=reflection, layer=layer)
 
 
 def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
@@ -118,14 +112,14 @@ def layers(body: Body, face: np.ndarray) -> np.ndarray:
     return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
 
 
-def roughness(echoes: Echoes) -> Echoes:
+def roughness(echoes: Echoes) -> None:
     """Displace the facets along their normals by a random relief, and weaken each facet's echo by
     the part of the relief that is finer than the facet."""
     if echoes.surface is None:
-        return echoes
-    waves = waves_of(echoes.scene.causes.roughness, generator(echoes.seed("roughness")))
+        return
+    waves = waves_of(echoes.scene.causes.roughness, generator(echoes.scene.seeds("roughness")))
     facets = displace_facets(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
-    return replace(echoes, surface=replace(echoes.surface, facets=facets))
+    echoes.surface = replace(echoes.surface, facets=facets)
 
 
 def waves_of(

@@ -1,9 +1,6 @@
-"""Echoes of spheres: of steel balls by Mie's exact series, and of the foam around the steel balls
-of the calibration target."""
+"""Echoes of steel balls by Mie's exact series."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
@@ -12,8 +9,7 @@ from scipy.special import spherical_jn, spherical_yn
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.simulation.physics.reflection import fresnel
-from handbench.radar.simulation.scene import Ball, EchoScene
+from handbench.radar.simulation.scene import EchoScene
 
 # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β
 # ≤ 60°
@@ -144,47 +140,17 @@ def ball_echoes(
     delay_m: np.ndarray | None = None,
     pattern: float = 0.0,
 ) -> np.ndarray:
-    """Compute the samples of the scene's steel balls by Mie's series, without the echoes of their
-    foam: complex64 [f, t, r]. delay_m [n]: extra one-way path of each ball's echo (None: 0);
-    pattern: exponent q of the antennas' amplitude pattern cosᵠθ."""
+    """Compute the samples of the scene's steel balls by Mie's series: complex64 [f, t, r].
+
+    delay_m [n]: extra one-way path of each ball's echo (None: 0); pattern: exponent q of the
+    antennas' amplitude pattern cosᵠθ.
+    """
     delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
     samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
     for ball, extra_m in zip(scene.balls, delays_m, strict=True):
         echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array, scene.dipole)
         samples += echo * pattern_gain(ball.centre_m, array, pattern)
     return samples
-
-
-def foam_delays_m(balls: Sequence[Ball]) -> np.ndarray:
-    """Return the extra one-way path, in metres, of each ball's echo through its foam: [balls], (n −
-    1)·(R_foam − r_ball), where n is the foam's refractive index.
-
-    The foam is centred on the ball, so that a ray to the ball's specular point runs along a radius
-    and is not refracted.
-    """
-    return np.array(
-        [(_index(ball) - 1) * max(ball.foam_radius_m - ball.radius_m, 0.0) for ball in balls]
-    )
-
-
-def foam_echoes(
-    balls: Sequence[Ball], frequencies_hz: np.ndarray, array: AntennaArray, pattern: float = 0.0
-) -> np.ndarray:
-    """Compute the samples of the front and back surfaces of the balls' foam, without the echoes of
-    the balls inside: complex64 [f, t, r]. pattern: exponent q of the antennas' amplitude pattern
-    cosᵠθ."""
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    for ball in balls:
-        if has_foam(ball):
-            samples += _foam_echo(ball, frequencies_hz, array) * pattern_gain(
-                ball.centre_m, array, pattern
-            )
-    return samples
-
-
-def has_foam(ball: Ball) -> bool:
-    """Return True if there is foam around the ball."""
-    return ball.foam_radius_m > ball.radius_m and ball.foam_permittivity > 1
 
 
 def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray | float:
@@ -195,73 +161,4 @@ def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np
     cosines = ((point_m - leg.position_m)[:, 2] / leg.lengths_m(point_m) for leg in array.legs)
     return np.multiply.outer(*(np.maximum(cosine, 0) ** pattern for cosine in cosines)).astype(
         np.float32
-    )
-
-
-def _index(ball: Ball) -> float:
-    return float(np.sqrt(ball.foam_permittivity))
-
-
-def _foam_echo(ball: Ball, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Compute the samples of a foam sphere's front and back surface by geometrical optics:
-    complex64 [f, t, r].
-
-    Each echo is (2π/jk)·ρ/B·exp(−jk·path) in the forward model's scale, with ρ the reflection
-    relative to metal's and B the element of the ray matrix for the spreading of the echo (negative
-    behind a focus). Rays are paraxial about each channel's specular points, which are on its
-    bisector before and behind the centre.
-
-    The steel ball hides the back from rays that pass through the foam's middle: channels whose
-    chords to the back's specular point, a·sin β from the centre, meet the ball have no back echo.
-    (Diffraction would blur this edge over √(λa) ≈ 1 cm; what is lost is below the foam's own −40
-    dB.)
-    """
-    radius_m, n = ball.foam_radius_m, _index(ball)
-    cos_beta = half_angle_cosine(ball.centre_m, array)
-    legs_m = [leg.lengths_m(ball.centre_m) for leg in array.legs]
-    spread_front, spread_back = (_spreading_m(legs_m, radius_m, n, back) for back in (False, True))
-    gamma = fresnel(np.array(ball.foam_permittivity)).real
-    passes = radius_m * np.sqrt(1 - np.minimum(cos_beta, 1) ** 2) > ball.radius_m
-    front = -gamma / spread_front
-    back = gamma * (1 - gamma**2) / spread_back * passes
-    near_m, far_m = (_over_m(legs_m, side * radius_m, cos_beta) for side in (1, -1))
-    far_m = far_m + (n - 1) * 4 * radius_m * cos_beta  # two chords, 2a·cos β each
-    samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)
-    for sample, f in zip(samples, frequencies_hz, strict=True):
-        scale = SPEED_OF_LIGHT_M_S / (1j * f)  # 2π/jk
-        sample[:] = scale * (front * phasor(near_m, f, -1) + back * phasor(far_m, f, -1))
-    return samples
-
-
-def _over_m(legs_m: list[np.ndarray], towards_m: float, cos_beta: np.ndarray) -> np.ndarray:
-    """Return the length [t, r], in metres, of the path from transmitter to a point on the surface
-    of a sphere to receiver. The point is on the bisector of the directions from the sphere's centre
-    to both antennas, at the distance towards_m from the centre (negative: behind it).
-
-    legs_m: distances of the transmitters and of the receivers from the centre.
-    """
-    to_m, from_m = legs_m[0][:, None], legs_m[1][None, :]
-    return sum(
-        np.sqrt(leg_m**2 + towards_m**2 - 2 * leg_m * towards_m * cos_beta)
-        for leg_m in (to_m, from_m)
-    )
-
-
-def _spreading_m(legs_m: list[np.ndarray], radius_m: float, n: float, back: bool) -> np.ndarray:
-    """Return the element B [t, r] of the ray matrix, which gives the spreading of an echo. The rays
-    go from transmitter to the sphere's front to receiver or, with `back`, through the sphere to its
-    back and out again.
-
-    n: refractive index. A ray is (h, θ), with θ its true angle also inside (Siegman, Lasers, 1986,
-    ch. 15).
-    """
-    mirror = np.array([[1.0, 0.0], [2 / radius_m, 1.0]])  # the front is convex
-    if back:
-        enter = np.array([[1.0, 0.0], [-(n - 1) / (n * radius_m), 1 / n]])
-        leave = np.array([[1.0, 0.0], [-(n - 1) / radius_m, n]])
-        across = np.array([[1.0, 2 * radius_m], [0.0, 1.0]])
-        mirror = leave @ across @ np.linalg.inv(mirror) @ across @ enter
-    to_m, from_m = (leg_m - radius_m for leg_m in legs_m)
-    return (mirror[0, 0] * to_m + mirror[0, 1])[:, None] + np.multiply.outer(
-        mirror[1, 0] * to_m + mirror[1, 1], from_m
     )

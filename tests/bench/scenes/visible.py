@@ -11,4 +11,6 @@ from handbench.radar.simulation.scene_echoes import bare_echoes
 
 def visible_surface(scene: Scene) -> Scatterers:
     """Facets of the target that face the aperture's centre and are not in another's shadow."""
-    return shadow_centre(bare_echoes(echo_scene(scene))).surface.facets.optics
+    echoes = bare_echoes(echo_scene(scene))
+    shadow_centre(echoes)
+    return echoes.surface.facets.optics

@@ -32,7 +32,7 @@ def test_a_moving_finger_echoes_as_the_exact_series_says(direction, frame_period
         FEW, TONES_HZ, TIMES_S, body(case), causes=Causes.model_validate({"motion": motion})
     )
     scene = replace(scene, frame_period_s=frame_period_s)
-    chosen = choose(scene, ("obliquity", "shadow_centre", "motion"))
+    chosen = choose(scene, ("obliquity", "shadow", "motion"))
     found = simulate_scene(scene, chosen).capture.samples[0]
     ratios = []
     for tone, time_s in enumerate(TIMES_S):

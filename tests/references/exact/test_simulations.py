@@ -27,9 +27,9 @@ from tests.references.exact.sphere_clusters import COAT, SCENES, SKIN
 
 CLUSTERS = Path(__file__).parent / "sphere_clusters.npz"
 FEW = AntennaArray(qar50().tx_m[::6], qar50().rx_m[::6])
-ONCE = ("obliquity", "shadow_antennas")
+ONCE = ("obliquity", "shadow")
 TWICE = (*ONCE, "multipath")
-BENT = ("obliquity", "shadow_diffraction")
+BENT = ("obliquity", "shadow")
 BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK
     ("one finger", "skin", ONCE, 0.06, 0.12, 0.045),
     ("finger before palm", "skin", BENT, 0.06, 0.32, 0.07),
@@ -61,7 +61,7 @@ def test_one_finger_echoes_as_the_exact_series_says(material):
     filling = (
         None if material == "metal" else np.full(2, dielectric_permittivity(MATERIALS[material]))
     )
-    effects = ("obliquity", "shadow_centre", *(() if filling is None else ("dielectric",)))
+    effects = ("obliquity", "shadow", *(() if filling is None else ("dielectric",)))
     found = simulate_scene(scene, choose(scene, effects)).capture.samples[0]
     exact = cylinder_echoes([finger], tones_hz, FEW, ALONG, filling)
     assert np.linalg.norm(found - exact) < 0.07 * np.linalg.norm(exact)

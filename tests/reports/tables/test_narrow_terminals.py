@@ -13,7 +13,7 @@ TEXTS = {
     "depth (mm)": ["1234.5678", "9.5\n[9.1, 9.9]"],
     "MAE on common pixels (mm)": ["0.123\n[0.101, 0.145]", "–"],
 }
-TABLE = Table("", pd.DataFrame(TEXTS, ["shadow_antennas", "skin"]), left=1)
+TABLE = Table("", pd.DataFrame(TEXTS, ["obliquity", "skin"]), left=1)
 
 
 @pytest.mark.parametrize("width", [60, 80, 200])

@@ -4,15 +4,11 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
-from handbench.radar.data.grid import Axis
 from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.simulation.ablation import Ablation, Change
-from handbench.radar.simulation.catalogue import CONTAINED, EFFECTS, Effect
+from handbench.radar.simulation.ablation import explain
 from handbench.radar.simulation.causes import Causes
-from handbench.radar.simulation.known_effects import IDS
-from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.scene import Choice, EchoScene
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from tests.radar.simulation.effects.plates import sphere_body
@@ -67,28 +63,15 @@ def depth_shift_m(before, after, low: int = 0, high: int = 2) -> float:
     return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
 
 
-def effect(name: str) -> Effect:
-    """The effect of that name."""
-    return EFFECTS[IDS.index(name)]
+def shaped(scene: EchoScene, *effects, **options) -> Echoes:
+    """The scene's echoes after functions of effects have shaped them."""
+    echoes = bare_echoes(scene, **options)
+    for effect in effects:
+        echoes.shape(effect)
+    return echoes
 
 
-def estimated(scene: EchoScene, *effects: str, without: str) -> tuple[dict[str, Change], float]:
-    """What leaving one of the effects out does to each method's map, and its level in dB, by an
-    ablation."""
-    ablation = Ablation(scene, [effect(name) for name in effects], CONTAINED)
-    return ablation.change({without}), ablation.level_db({without})
-
-
-def simulated_change(scene: EchoScene, *effects: str, without: str) -> tuple[Change, float]:
-    """The same of 3-FSK's map, by two whole simulations and the method as users run it, at pixels
-    of 1 mm."""
-    rest = [name for name in effects if name != without]
-    captures = [simulated(scene, *names).capture for names in (effects, rest)]
-    middle = np.round(scene.middle_m[:2], 3)
-    reach_m, step_m = (0.15, 2e-3) if scene.room else (0.02, 1e-3)
-    x, y = (Axis(start_m=at - reach_m, stop_m=at + reach_m, step_m=step_m) for at in middle)
-    config = ThreeToneConfig(x=x, y=y, first_depth_m=0.3)
-    maps = [fsk_with_uncertainty(capture, config).z_m for capture in captures]
-    samples = [capture.samples[0] for capture in captures]
-    level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
-    return Change.between(*maps), float(20 * np.log10(level))
+def explained(scene: EchoScene, *effects: str) -> dict[str, Choice]:
+    """What leaving each of the effects out changes, by an ablation: effect → row."""
+    rows = explain(scene, choose(scene, effects or "auto"))
+    return {row.effect: row for row in rows}

@@ -1,4 +1,4 @@
-"""Sizes of effects by coarse simulations against two whole simulations, imaged as users do; and the
+"""What leaving an effect out changes in a coarse simulation against two whole simulations, and the
 causes of effects."""
 
 from dataclasses import replace
@@ -6,17 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from handbench.radar.data.grid import Axis
+from handbench.radar.methods.fsk import fsk
+from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.scene import Ball, Material
 from tests.radar.simulation.effects.plates import sheet
-from tests.radar.simulation.effects.small_scenes import (
-    bead_scene,
-    effect,
-    estimated,
-    simulated_change,
-)
+from tests.radar.simulation.effects.small_scenes import bead_scene, explained, simulated
 
 FOAM_BALL = Ball(np.array([0.01, -0.02, 0.3]), 5e-3, 0.025, 1.03)
-CENTRE = ("shadow_centre",)
+LATERAL = Axis(start_m=-0.02, stop_m=0.02, step_m=1e-3)
 
 
 def wall(level_db):
@@ -24,25 +23,28 @@ def wall(level_db):
 
 
 @pytest.mark.parametrize(
-    ("scene", "without", "others", "rel", "within_db"),
+    ("scene", "without", "rel"),
     [
-        (bead_scene(), "obliquity", CENTRE, 0.2, np.inf),
-        (wall(-30.0), "clutter", (), 0.2, 1),
-        # 0.0074 · 25 mm / 5 mm and as much from behind
-        (bead_scene(target=None, balls=(FOAM_BALL,)), "dielectric", None, 0.2, 0.5),
-        # with the very numbers of the simulation's first frame: a closed form knows their spread
-        (bead_scene({"noise": {"phase_noise_rad": 0.02}}), "noise", CENTRE, 0.4, 0.5),
-        (bead_scene({"oscillator": {"level_dbc_hz": -70.0}}), "oscillator", CENTRE, 0.4, 0.5),
-        (bead_scene({"roughness": {"rms_m": 3e-5}}), "roughness", (), 0.5, 1),
+        (bead_scene(), "obliquity", 0.2),
+        (bead_scene({"noise": {"phase_noise_rad": 0.02}}), "noise", 0.4),
+        (bead_scene({"oscillator": {"level_dbc_hz": -70.0}}), "oscillator", 0.4),
+        (bead_scene({"roughness": {"rms_m": 3e-5}}), "roughness", 0.5),
     ],
-    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_size_is_what_leaving_the_effect_out_changes(scene, without, others, rel, within_db):
-    names = [without] if others is None else {"obliquity": 0, **dict.fromkeys(others), without: 0}
-    changes, level_db = estimated(scene, *names, without=without)
-    change, expected_db = simulated_change(scene, *names, without=without)
-    assert changes["3fsk"].depth_mm == pytest.approx(change.depth_mm, rel=rel)
-    assert level_db == pytest.approx(expected_db, abs=within_db)
+def test_a_change_is_that_of_whole_simulations(scene, without, rel):
+    """With the very numbers of the simulation's first frame, and 3-FSK at pixels of 1 mm."""
+    names = dict.fromkeys(("obliquity", without))
+    row = explained(scene, *names)[without]
+    rest = [name for name in names if name != without]
+    captures = [simulated(scene, *effects).capture for effects in (names, rest)]
+    config = ThreeToneConfig(x=LATERAL, y=LATERAL, first_depth_m=0.3)
+    maps_m = [fsk(capture, config)[0].z_m for capture in captures]
+    samples = [capture.samples for capture in captures]
+    level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
+    assert row.level_db == pytest.approx(20 * np.log10(level), abs=0.5)
+    moved_mm = 1e3 * np.nanmean(np.abs(maps_m[1] - maps_m[0]))
+    assert row.depth_mm == pytest.approx(moved_mm, rel=rel)
+    assert row.seconds >= 0
 
 
 BEAD = bead_scene().target
@@ -63,5 +65,6 @@ BEAD = bead_scene().target
         ("clutter", wall(-30.0), True),
     ],
 )
-def test_an_effect_is_missing_where_the_scene_has_no_cause_of_it(name, scene, there):
-    assert bool(effect(name).missing(scene)) != there
+def test_an_effect_has_a_cause(name, scene, there):
+    [effect] = [effect for effect in EFFECTS if effect.id == name]
+    assert bool(effect.cause(scene)) == there

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects import clutter as clutter_effect
+from handbench.radar.simulation.effects.clutter import room_echoes
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.plates import sheet, sphere_body
@@ -20,10 +20,9 @@ def plate(side_m=0.1, z_m=0.4, reflectivity_db=-10.0):
 HERE = AntennaArray(np.zeros((1, 3)), np.zeros((1, 3)))
 
 
-def clutter(scene, **options):
+def clutter(scene):
     """The samples [f, t, r] that the effect adds."""
-    before = bare_echoes(scene, **options)
-    return clutter_effect.clutter(before).samples[0] - before.samples[0]
+    return room_echoes(bare_echoes(scene), scene.target)
 
 
 def test_a_wide_plate_mirrors():
@@ -43,9 +42,8 @@ def test_the_target_hides_what_stands_behind_it():
     )  # 53 mm of shadow there
     assert not clutter(scene).any()
     assert np.abs(clutter(replace(scene, target=None))).item() > 0
-    assert np.array_equal(
-        clutter(scene, levels={}), clutter(replace(scene, target=None))
-    )  # the room without it
+    empty = simulated(scene, "clutter", empty=True).empty
+    assert np.array_equal(empty.samples[0], clutter(replace(scene, target=None)))
 
 
 def test_bodies_of_the_room_hide_each_other():

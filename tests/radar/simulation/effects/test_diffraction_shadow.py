@@ -19,9 +19,10 @@ from handbench.radar.simulation.physics.diffraction import (
     visible_outline,
 )
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
+from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate
+from tests.radar.simulation.effects.small_scenes import shaped
 
 FULL = qar50()
 ARRAY = AntennaArray(FULL.tx_m[::9], FULL.rx_m[::11])
@@ -34,7 +35,7 @@ BODY = joined(FINGER, SHEET)
 
 
 def state(body, array=ARRAY, effect=shadow_diffraction, tones_hz=TONES_HZ) -> Echoes:
-    return effect(obliquity(bare_echoes(EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body))))
+    return shaped(EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body), obliquity, effect)
 
 
 def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
@@ -77,12 +78,10 @@ def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
 
 
 def test_nothing_diffracts_on_a_sheet_alone():
-    bare, made = (
-        obliquity(bare_echoes(EchoScene(ARRAY, TONES_HZ, np.zeros(4), SHEET))),
-        state(SHEET),
-    )
+    bare = shaped(EchoScene(ARRAY, TONES_HZ, np.zeros(4), SHEET), obliquity)
+    made = state(SHEET)
     assert not made.surface.sight.partial.any()
-    np.testing.assert_array_equal(made.echo(ARRAY), bare.echo(ARRAY))
+    np.testing.assert_array_equal(made.samples(), bare.samples())
 
 
 def test_the_room_is_diffracted_behind_the_target_alone():
@@ -91,13 +90,10 @@ def test_the_room_is_diffracted_behind_the_target_alone():
     wall = plate((-0.05, -0.05, 0.36), (0, 0.10, 0), (0.10, 0, 0), 20)
     aside = plate((0.25, -0.02, 0.36), (0, 0.04, 0), (0.04, 0, 0), 8)
     scene = EchoScene(ARRAY, TONES_HZ, np.zeros(4), FINGER, room=(wall, aside))
-    with_finger, without = (
-        shadow_diffraction(bare_echoes(scene, levels=levels)) for levels in (None, {})
-    )
-    every = joined(FINGER, wall, aside)
+    echoes, every = shaped(scene, shadow_diffraction), joined(FINGER, wall, aside)
     rays = Rays(every.vertices_m, every.faces)
-    behind, beside = (_seen_behind(with_finger, rays, body) for body in (wall, aside))
+    behind, beside = (_seen_behind(echoes, FINGER, rays, body) for body in (wall, aside))
     assert behind.sight.partial.any() and not beside.sight.partial.any()
     weights = np.abs(behind.sight.weights(0, 80e9 / SPEED_OF_LIGHT_M_S))
     assert weights.min() < 0.5 and 1 < weights.max() < 1.6
-    assert _seen_behind(without, rays, aside).sight is None
+    assert _seen_behind(echoes, None, rays, aside).sight is None

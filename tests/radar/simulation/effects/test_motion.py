@@ -5,10 +5,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.effects.motion import echoes_of_moving
 from handbench.radar.simulation.movement import displacement_m
-from handbench.radar.simulation.scene_echoes import bare_echoes
-from tests.radar.simulation.effects.plates import sheet
 from tests.radar.simulation.effects.small_scenes import (
     NEAR_SIDE_M,
     TONES_HZ,
@@ -40,19 +37,6 @@ def test_tremor_starts_where_the_target_is_and_swings_by_its_amplitude():
     assert np.count_nonzero(np.diff(np.sign(offset_m - offset_m.mean()))) == pytest.approx(
         18, abs=1
     )
-
-
-def test_displaced_echoes_are_those_of_a_displaced_target():
-    scene = bead_scene(target=sheet(8e-3, 1e-3, 0.3))
-    state = bare_echoes(scene, tolerance=None)
-    along, offsets_m = np.array([0.6, 0.0, 0.8]), np.array([[0.0, 1.3e-4, -3.5e-4]])
-    samples = echoes_of_moving(state, along, offsets_m, (-4e-4, 2e-4))[0]
-    for tone, offset_m in enumerate(offsets_m[0]):
-        body = scene.target
-        body = type(body)(body.vertices_m + offset_m * along, body.faces)
-        expected = bare_echoes(bead_scene(target=body), tolerance=None).samples[0, tone]
-        # Interpolation errs by 0.06²/8 = 5e-4 at most; float32 echoes by 1e-6.
-        assert np.linalg.norm(samples[tone] - expected) < 5e-4 * np.linalg.norm(expected)
 
 
 def test_frames_have_their_own_tremor():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.scene import Ball
-from tests.radar.simulation.effects.small_scenes import bead_scene, estimated, simulated
+from tests.radar.simulation.effects.small_scenes import bead_scene, explained, simulated
 
 BALL_M, BEAD_M = np.array([0.05, 0.0, 0.3]), np.array([0.01, -0.005, 0.3])
 
@@ -36,8 +36,8 @@ def test_echoes_are_weighed_by_both_antennas(at_m, effects, changes, within):
 
 def test_the_estimate_grows_as_the_beam_narrows():
     scenes = [bead_scene({"pattern": {"beamwidth_deg": deg}}) for deg in (179.0, 120.0, 60.0, 30.0)]
-    found = [estimated(scene, "pattern", "obliquity", without="pattern") for scene in scenes]
-    depths_mm = [changes["3fsk"].depth_mm for changes, _ in found]
+    rows = [explained(scene, "pattern", "obliquity")["pattern"] for scene in scenes]
+    depths_mm = [row.depth_mm for row in rows]
     assert depths_mm[0] < 1e-3  # as good as none
     assert all(a < b for a, b in pairwise(depths_mm))
-    assert found[-1][1] > -10  # half power at 15°, where half of the array is
+    assert rows[-1].level_db > -10  # half power at 15°, where half of the array is

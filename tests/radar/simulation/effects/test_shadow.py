@@ -13,11 +13,11 @@ from handbench.radar.simulation.physics import facets as splitting
 from handbench.radar.simulation.physics.facets import face_vectors
 from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes, front_facets
+from handbench.radar.simulation.scene_echoes import Echoes, front_facets
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.plates import cylinder, joined, plate, sphere_body
-from tests.radar.simulation.effects.small_scenes import TONES_HZ
+from tests.radar.simulation.effects.small_scenes import TONES_HZ, shaped
 
 FINGERS = joined(cylinder((0.0, 0.0, 0.30), 8e-3, 0.05), cylinder((0.014, 0.0, 0.33), 8e-3, 0.05))
 SHEET = plate((-0.04, -0.03, 0.3), (0, 0.06, 0), (0.08, 0, 0), 40)  # its front is towards the array
@@ -28,10 +28,7 @@ def scene(body: Body, array: AntennaArray | None = None) -> EchoScene:
 
 
 def state(body: Body, *effects) -> Echoes:
-    made = obliquity(bare_echoes(scene(body)))
-    for effect in effects:
-        made = effect(made)
-    return made
+    return shaped(scene(body), obliquity, *effects)
 
 
 def by_rays(body: Body, facets, antennas_m) -> np.ndarray:
@@ -85,7 +82,7 @@ def test_a_target_of_which_nothing_is_seen_is_refused():
     inverted = joined(Body(SHEET.vertices_m, SHEET.faces[:, ::-1]), behind)
     for effect in (shadow_centre, shadow_antennas):
         with pytest.raises(HandbenchError, match="no facet"):
-            np.asarray(state(inverted, effect).samples)
+            state(inverted, effect).samples()
 
 
 @pytest.mark.parametrize("away", [(1, 0), (-1, 0), (0, 1), (0, -1)])

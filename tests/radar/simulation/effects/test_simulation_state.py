@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.simulation.selection import choose
-from handbench.radar.simulation.simulate import Stopwatch, simulate_scene
+from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.rays import Rays
 from tests.radar.simulation.effects.small_scenes import (
     EVERYTHING,
@@ -51,7 +51,7 @@ def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
     names = (
         "positions",
         "obliquity",
-        "shadow_antennas",
+        "shadow",
         "multipath",
         "motion",
         "channels",
@@ -63,17 +63,6 @@ def test_a_shot_is_the_same_for_any_number_of_workers(monkeypatch):
         monkeypatch.setenv("HANDBENCH_WORKERS", workers)
         found.append(simulated(bead_scene(EVERYTHING), *names, frames=2).capture.samples)
     assert np.array_equal(found[0], found[1]) and np.array_equal(found[0], found[2])
-
-
-def test_time_inside_another_counts_once(monkeypatch):
-    ticks = iter([0.0, 1.0, 5.0, 7.0])  # outer begins, inner begins and ends, outer ends
-    monkeypatch.setattr(
-        "handbench.radar.simulation.simulate.time.perf_counter", lambda: next(ticks)
-    )
-    watch = Stopwatch()
-    with watch.timed("outer"), watch.timed("inner"):
-        pass
-    assert watch.seconds == {"inner": 4.0, "outer": 3.0}
 
 
 def test_frames_and_seeds():

@@ -14,12 +14,12 @@ from handbench.radar.simulation.physics.reflection import (
     skin_reflection,
 )
 from handbench.radar.simulation.scene import Material
-from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.plates import sphere_body
 from tests.radar.simulation.effects.small_scenes import (
     bead_scene,
     depth_shift_m,
-    estimated,
+    explained,
+    shaped,
     simulated,
 )
 
@@ -74,17 +74,15 @@ def test_the_palm_seems_further_away(palm, thickness_m, bias_m):
         simulated(scene, "obliquity").capture, simulated(scene, "obliquity", "skin").capture
     )
     assert change_m == pytest.approx(bias_m, abs=0.05e-3)
-    changes, _ = estimated(scene, "obliquity", "skin", without="skin")
-    assert changes["3fsk"].depth_mm == pytest.approx(
-        1e3 * change_m, rel=0.05
-    )  # exact for one layer
+    row = explained(scene, "obliquity", "skin")["skin"]
+    assert row.depth_mm == pytest.approx(1e3 * change_m, rel=0.05)  # exact for one layer
 
 
 def test_each_face_has_its_own_layer():
     body = sphere_body(4e-3, (0.01, -0.005, 0.3))
     left = body.vertices_m[body.faces].mean(axis=1)[:, 0] < 0.01
     scene = bead_scene(target=replace(body, material=SKIN, palm=left))
-    state = skin(bare_echoes(scene))
+    state = shaped(scene, skin)
     assert np.array_equal(state.surface.layer == 1, left[state.surface.facets.face])
 
 
