@@ -8,9 +8,10 @@ band-limited upsampling. Plans are cached per geometry.
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import pairwise
 from math import prod
 from threading import Lock
 from typing import Any, NamedTuple, TypeVar, cast
@@ -29,7 +30,6 @@ from handbench.radar.imaging.tree import (
     child_node,
     needs_direct_sum,
     root_node,
-    split,
 )
 from handbench.support.cost import require_memory
 from handbench.support.parallel import one_blas_thread
@@ -73,7 +73,7 @@ class TreePlan:
 
     Each of these boxes keeps only the tones and antennas that its points need
     (`radar.imaging.tree`). root_node has those of all space and top_node those of the whole box;
-    the others are computed for the cells and leaves that contain points, when they are used.
+    those of cells and leaves are computed when they are first used, and then kept.
     """
 
     def __init__(
@@ -92,7 +92,8 @@ class TreePlan:
         self.root_node = root_node(frequencies_hz, aperture)
         self.top_node = child_node(self.root_node, box, family, keep_antennas=True)
         self.count = prod(self.cells.tolist())  # of cells
-        self.edges_m = [np.linspace(a, b, n + 1) for a, b, n in zip(*box, self.cells, strict=True)]
+        self._cells: dict[int, Node] = {}
+        self._leaves: dict[int, Node] = {}
         self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
 
     def touched(self, where: SortedPoints) -> list[int]:
@@ -110,17 +111,29 @@ class TreePlan:
         return nodes * self.node_cost
 
     def cell(self, cell: int) -> Node:
-        """Compute the node (tones, antennas and their weights) of the cell with this number, anew
-        at each call."""
-        place = zip(self.edges_m, np.unravel_index(cell, self.cells), strict=True)
-        box = Box(*np.array([edges_m[at : at + 2] for edges_m, at in place]).T)
-        return child_node(self.top_node, box, self.family)
+        """Return the node (tones, antennas and their weights) of the cell with this number."""
+        if cell not in self._cells:
+            box = self.box.part(self.cells, cell)
+            self._cells[cell] = child_node(self.top_node, box, self.family)
+        return self._cells[cell]
 
-    def leaves_of(self, cell: Node, wanted: Iterable[int]) -> dict[int, Node]:
-        """Compute the nodes (tones, antennas and their weights) of some leaves of a cell, as a
-        dictionary. `wanted` and the keys are the leaves' numbers within the cell."""
-        boxes = split(cell.box, self.leaves)
-        return {leaf: child_node(cell, boxes[leaf], self.family) for leaf in wanted}
+    def leaf(self, leaf: int) -> Node:
+        """Return the node of the leaf with this number, counted over all cells."""
+        if leaf not in self._leaves:
+            cell, place = divmod(leaf, self.leaves_per_cell)
+            parent = self.cell(cell)
+            box = parent.box.part(self.leaves, place)
+            self._leaves[leaf] = child_node(parent, box, self.family)
+        return self._leaves[leaf]
+
+    def leaves_in(self, cell: int, where: SortedPoints) -> Iterator[tuple[Node, int, int]]:
+        """Yield the node of each leaf of a cell that contains sorted points, and the indices at
+        which its points begin and end."""
+        first = cell * self.leaves_per_cell
+        starts = where.starts[first : first + self.leaves_per_cell + 1].tolist()
+        for leaf, (start, stop) in enumerate(pairwise(starts), first):
+            if stop > start:
+                yield self.leaf(leaf), start, stop
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that

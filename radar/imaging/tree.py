@@ -15,9 +15,9 @@ interpolative decompositions.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from itertools import pairwise, product
-from typing import NamedTuple
+from functools import cached_property, lru_cache, partial
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -62,6 +62,16 @@ class Box(NamedTuple):
         """The corners [8, 3]."""
         return np.array(list(product(*zip(self.low_m, self.high_m, strict=True))))
 
+    def part(self, counts: np.ndarray, number: int) -> "Box":
+        """Return one of the equal boxes into which the box is divided, counts [3] of them along x,
+        y, z. number: which one; z varies fastest."""
+        place = np.unravel_index(number, counts)
+        edges_m = [
+            np.linspace(low_m, high_m, n + 1)[i : i + 2]
+            for low_m, high_m, n, i in zip(*self, counts, place, strict=True)
+        ]
+        return Box(*np.array(edges_m).T)
+
 
 @dataclass(frozen=True)
 class LocalLeg:
@@ -103,6 +113,19 @@ class Node:
     tone_weights: np.ndarray
     leg_weights: tuple[np.ndarray, ...]
     shifts_m: tuple[np.ndarray, ...]
+
+    @cached_property
+    def step(self) -> tuple[np.ndarray, ...]:
+        """Shifts and weights that make the parent's samples those of this box, for compiled code
+        (`radar.imaging.cpu.forward.to_child`)."""
+        return (*self.shifts_m, self.tone_weights, *self.leg_weights)
+
+    @cached_property
+    def place(self) -> tuple[Any, ...]:
+        """Centre, tones and, for each leg, (length_m, position_m, number) of its antennas, for
+        compiled code."""
+        legs = ((leg.length_m, leg.position_m, leg.number) for leg in self.legs)
+        return (self.box.centre_m, self.turns_per_m, *legs)
 
 
 class Family(NamedTuple):
@@ -166,15 +189,6 @@ def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = Fal
         legs.append(leg.only(index, length))
         weights.append(leg_weights)
     return Node(box, turns_per_m, tuple(legs), tone_weights, tuple(weights), shifts)
-
-
-def split(box: Box, parts: np.ndarray) -> list[Box]:
-    """Split a box into parts[0] × parts[1] × parts[2] equal boxes along x, y, z; z varies fastest
-    in the list."""
-    edges = [np.linspace(low, high, n + 1) for low, high, n in zip(*box, parts, strict=True)]
-    return [
-        Box(*map(np.array, zip(*sides, strict=True))) for sides in product(*map(pairwise, edges))
-    ]
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:

@@ -14,7 +14,6 @@ from handbench.radar.imaging.cpu.forward import (
     apply,
     differences,
     inner_turn,
-    leaf_of,
     mix,
     steer,
 )
@@ -108,25 +107,18 @@ class PackedScatterers(NamedTuple):
 
 @njit(**FAST)
 def scatter(  # type: ignore[no-untyped-def]
-    source, turns_per_m, leaves, passes, reference_m, starts, shape
+    source, turns_per_m, step, place, passes, reference_m, start, stop
 ):
-    """Compute the echo samples of a cell (a box of the plan) from the scatterers in it: float32 [k,
-    2, a, b], 2 for real and imaginary part. It is the adjoint of `forward.gather`.
+    """Compute what the scatterers in one leaf contribute to the echo samples of the cell around it:
+    float32 [k, 2, a, b], 2 for real and imaginary part. It is the adjoint of `forward.image_leaf`.
 
-    source: `PackedScatterers`, of which starts[i]:starts[i + 1] are in the cell's leaf i;
-    turns_per_m: f/c of the cell's k tones; leaves: the boxes and their nodes; passes [2]: how often
-    the path goes between target and transmitter, and between target and receiver; reference_m [2]:
-    lengths of both whose phase is left out; shape: that of the result.
+    source: `PackedScatterers`, of which start:stop are in the leaf; turns_per_m: f/c of the cell's
+    k tones; step, place: those of the leaf's `Node`; passes [2]: how often the path goes between
+    target and transmitter, and between target and receiver; reference_m [2, 3]: points near the
+    antennas, to which path differences are computed.
     """
-    samples = np.zeros(shape, np.float32)
-    for i in range(len(starts) - 1):
-        if starts[i + 1] > starts[i]:
-            weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            leaf = radiate(
-                _part(source, starts[i], starts[i + 1]), turns, place, passes, reference_m
-            )
-            samples += inner_to_parent(leaf, turns_per_m, *shifts, *weights)
-    return samples
+    leaf = radiate(_part(source, start, stop), place, passes, reference_m)
+    return inner_to_parent(leaf, turns_per_m, *step)
 
 
 @njit(**INNER)
@@ -145,22 +137,21 @@ to_parent = outer(inner_to_parent)
 
 
 @njit(**INNER)
-def radiate(source, turns_per_m, place, passes, reference_m):  # type: ignore[no-untyped-def]
+def radiate(source, place, passes, reference_m):  # type: ignore[no-untyped-def]
     """Compute the echo samples of a leaf (a smallest box) from the scatterers in it: float32 [k, 2,
     a, b], 2 for real and imaginary part. It is the adjoint of `forward.evaluate`.
 
-    source: these scatterers (`PackedScatterers`); place: the leaf's centre and antennas, from
-    `leaf_of`.
+    source: these scatterers (`PackedScatterers`); place: the leaf's centre, tones and antennas,
+    from its `Node`.
     """
-    centre_m, length_a, position_a, number_a, length_b, position_b, number_b = place
+    centre_m, turns_per_m, (length_a, position_a, number_a), (length_b, position_b, number_b) = (
+        place
+    )
     tones, n_a, n_b = len(turns_per_m), len(length_a), len(length_b)
     samples = np.zeros((tones, 2, n_a, n_b), np.float32)
     sight, weighted = source.sight, source.sight.corner.shape[1] > 0
     if weighted:
-        spread_a, spread_b = (
-            sight.spread_a[number_a.astype(np.int64)],
-            sight.spread_b[number_b.astype(np.int64)],
-        )
+        spread_a, spread_b = (sight.spread_a[number_a], sight.spread_b[number_b])
     block = max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), 16)
     for start in range(0, source.point_m.shape[1], block):
         stop = min(start + block, source.point_m.shape[1])

@@ -14,15 +14,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu.adjoint import PackedScatterers, scatter, to_parent
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
-from handbench.radar.imaging.cpu.forward import (
-    Leaves,
-    complex_samples,
-    gather,
-    pack,
-    planes,
-    to_child,
-    turn,
-)
+from handbench.radar.imaging.cpu.forward import complex_samples, image_leaf, planes, to_child, turn
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
 from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
@@ -36,14 +28,10 @@ ROWS = 16  # pixels along y of one piece of work
 class CpuExecutor:
     """Computes images and echoes of points on the processor, by a plan of the geometry
     (`TreePlan`).
-
-    The plan's boxes (cells and, within them, leaves) are computed when points are in them for the
-    first time, and then kept.
     """
 
     def __init__(self, plan: TreePlan) -> None:
         self.plan = plan
-        self._cells: dict[int, tuple[Node, dict[int, Node], Leaves]] = {}
 
     def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
         """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the
@@ -55,18 +43,21 @@ class CpuExecutor:
         images = np.empty((len(samples) if plan.family.apart else 1, len(order)), np.complex64)
 
         def work(cell: int) -> None:
-            node, leaves, starts = self._cell(cell, where)
+            node = plan.cell(cell)
             below = _down(root, plan.top_node, node)
-            images[:, starts[0] : starts[-1]] = gather(
-                below,
-                node.turns_per_m,
-                leaves,
-                plan.passes,
-                plan.reference_m,
-                where.points_m,
-                starts,
-                len(images),
-            )
+            for leaf, start, stop in plan.leaves_in(cell, where):
+                image_leaf(
+                    below,
+                    node.turns_per_m,
+                    leaf.step,
+                    leaf.place,
+                    plan.passes,
+                    plan.reference_m,
+                    where.points_m,
+                    start,
+                    stop,
+                    images,
+                )
 
         for_each(work, plan.touched(where))
         unsorted = np.empty_like(images)
@@ -80,11 +71,20 @@ class CpuExecutor:
         parts: dict[int, np.ndarray] = {}
 
         def work(cell: int) -> None:
-            node, leaves, starts = self._cell(cell, where)
+            node = plan.cell(cell)
             shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
-            samples = scatter(
-                source, node.turns_per_m, leaves, plan.passes, plan.reference_m, starts, shape
-            )
+            samples = np.zeros(shape, np.float32)
+            for leaf, start, stop in plan.leaves_in(cell, where):
+                samples += scatter(
+                    source,
+                    node.turns_per_m,
+                    leaf.step,
+                    leaf.place,
+                    plan.passes,
+                    plan.reference_m,
+                    start,
+                    stop,
+                )
             parts[cell] = _up(samples, plan.top_node, node)
 
         for_each(work, touched)
@@ -95,21 +95,6 @@ class CpuExecutor:
                 plan.top_node,
             )
         return complex_samples(samples)
-
-    def _cell(self, cell: int, where: SortedPoints) -> tuple[Node, Leaves, np.ndarray]:
-        """Return the node of a cell, its packed leaves, and the index [leaves + 1] at which the
-        points of each leaf start among all sorted points. Leaves that contain points are computed
-        if they are not there yet."""
-        count = self.plan.leaves_per_cell
-        starts = where.starts[cell * count : (cell + 1) * count + 1]
-        touched = set(np.flatnonzero(np.diff(starts)).tolist())
-        node, planned, leaves = self._cells.get(cell) or (self.plan.cell(cell), {}, None)
-        if leaves is None or not touched <= planned.keys():
-            planned = planned | self.plan.leaves_of(node, sorted(touched - planned.keys()))
-            leaves = pack(planned, count)
-            # whole, for the threads that read it meanwhile
-            self._cells[cell] = (node, planned, leaves)
-        return node, leaves, starts
 
 
 class ToneSkeleton:
@@ -243,12 +228,8 @@ class CpuUpsampler:
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return to_child(
-        samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
-    )
+    return to_child(samples, parent.turns_per_m, *child.step)
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return to_parent(
-        samples, parent.turns_per_m, *child.shifts_m, child.tone_weights, *child.leg_weights
-    )
+    return to_parent(samples, parent.turns_per_m, *child.step)

@@ -5,16 +5,12 @@ are faster here than complex ones. Each step from a box to a smaller box in it m
 samples by phases and by real weights, which combine tones and antennas. In a leaf, a smallest box,
 phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is computed
 in float64, less that of a reference point near the aperture; the remainder differs little between
-antennas, so float32 is enough for its phase. The leaves of a cell are packed into arrays, so that
-one call images a whole cell.
+antennas, so float32 is enough for its phase.
 """
-
-from typing import NamedTuple
 
 import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
-from handbench.radar.imaging.tree import Node
 from handbench.support.compiled import FAST, INNER, njit, outer
 
 # points per matrix product; fewer where the factors would exceed the second-level cache
@@ -22,20 +18,6 @@ BLOCK = 320
 SECOND_LEVEL = 65536  # antennas × points
 # points are padded to multiples of this, for vector code
 VECTOR = 32
-
-
-class Leaves(NamedTuple):
-    """The leaves (smallest boxes) of a cell, packed into three arrays for compiled code.
-
-    sizes [n, 8], one row per leaf: its numbers of tones, transmitters and receivers; three flags,
-    whether weights of each of these are given; the index at which its data begin in `single` and in
-    `double`. Rows of leaves that are not computed are zero. single, double: the float32 and the
-    float64 arrays of all leaves, concatenated.
-    """
-
-    sizes: np.ndarray
-    single: np.ndarray
-    double: np.ndarray
 
 
 def planes(samples: np.ndarray) -> np.ndarray:
@@ -51,52 +33,24 @@ def complex_samples(apart: np.ndarray) -> np.ndarray:
     return apart[:, 0] + np.complex64(1j) * apart[:, 1]
 
 
-def pack(leaves: dict[int, Node], count: int) -> Leaves:
-    """Pack the nodes of some leaves, given by their numbers in the cell, into arrays for compiled
-    code. count: number of all leaves of the cell; those not given have zeros in `sizes`."""
-    single, double = [], []
-    sizes, at_single, at_double = np.zeros((count, 8), np.int64), 0, 0
-    for number, leaf in leaves.items():
-        floats = [leaf.tone_weights, *leaf.leg_weights]
-        doubles = [leaf.box.centre_m, leaf.turns_per_m, *leaf.shifts_m]
-        doubles += [
-            array for leg in leaf.legs for array in (leg.length_m, leg.position_m, leg.number)
-        ]
-        counts = [len(leaf.turns_per_m), *(len(leg.length_m) for leg in leaf.legs)]
-        sizes[number] = *counts, *(array.size > 0 for array in floats), at_single, at_double
-        single += [array.ravel() for array in floats]
-        double += [array.ravel() for array in doubles]
-        at_single += sum(array.size for array in floats)
-        at_double += sum(array.size for array in doubles)
-    return Leaves(sizes, np.concatenate(single), np.concatenate(double))
-
-
 @njit(**FAST)
-def gather(  # type: ignore[no-untyped-def]
-    samples, turns_per_m, leaves, passes, reference_m, points_m, starts, count
+def image_leaf(  # type: ignore[no-untyped-def]
+    samples, turns_per_m, step, place, passes, reference_m, points_m, start, stop, images
 ):
-    """Image n points of a cell (a box of the plan) from the cell's samples [k, 2, a, b], 2 for real
-    and imaginary part: complex64 [count, n].
+    """Image the points start:stop of points_m [3, n], which are in one leaf, from the samples [k,
+    2, a, b] of the cell around it, and write the result to the same columns of `images`, complex64:
+    [k, n] for one image per tone, or [1, n] for the sum of all tones.
 
-    count: k for one image per tone, 1 for the sum of all tones. points_m [3, …]: all points, sorted
-    by leaf; starts[i]:starts[i + 1] are in leaf i of the cell.
+    turns_per_m [k]: f/c of the cell's tones; step, place: those of the leaf's `Node`.
     """
-    images = np.empty((count, starts[-1] - starts[0]), np.complex64)
-    for i in range(len(starts) - 1):
-        if starts[i + 1] > starts[i]:
-            weights, shifts, turns, place = leaf_of(leaves, i, samples.shape)
-            below = inner_to_child(samples, turns_per_m, *shifts, *weights)
-            here = images[:, starts[i] - starts[0] : starts[i + 1] - starts[0]]
-            evaluate(
-                below,
-                points_m[:, starts[i] : starts[i + 1]],
-                turns,
-                place,
-                passes,
-                reference_m,
-                here,
-            )
-    return images
+    evaluate(
+        inner_to_child(samples, turns_per_m, *step),
+        points_m[:, start:stop],
+        place,
+        passes,
+        reference_m,
+        images[:, start:stop],
+    )
 
 
 @njit(**INNER)
@@ -169,54 +123,14 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 
 @njit(**INNER)
-def leaf_of(leaves, i, shape):  # type: ignore[no-untyped-def]
-    """Unpack leaf i of a cell from the packed `Leaves`. shape: shape [k, 2, a, b] of the cell's
-    samples.
-
-    Returns ((weights of its tones, transmitters, receivers), (path shifts of transmitters, of
-    receivers), f/c of its tones, place). place: the leaf's centre, then for the transmitters and
-    for the receivers the path length to the centre, position and number of each.
-    """
-    k, n_a, n_b = leaves.sizes[i, 0], leaves.sizes[i, 1], leaves.sizes[i, 2]
-    tones, at = _weights(leaves.single, leaves.sizes[i, 6], k, shape[0], leaves.sizes[i, 3])
-    weights_a, at = _weights(leaves.single, at, n_a, shape[2], leaves.sizes[i, 4])
-    weights_b, at = _weights(leaves.single, at, n_b, shape[3], leaves.sizes[i, 5])
-    double, start = leaves.double, leaves.sizes[i, 7]
-    centre = double[start : start + 3]
-    turns = double[start + 3 : start + 3 + k]
-    start += 3 + k
-    shift_a, shift_b = (
-        double[start : start + shape[2]],
-        double[start + shape[2] : start + shape[2] + shape[3]],
-    )
-    start += shape[2] + shape[3]
-    place = (centre, *_antennas(double, start, n_a), *_antennas(double, start + 5 * n_a, n_b))
-    return (tones, weights_a, weights_b), (shift_a, shift_b), turns, place
-
-
-@njit(inline="always")
-def _antennas(double, start, n):  # type: ignore[no-untyped-def]
-    position_m = double[start + n : start + 4 * n].reshape(n, 3)
-    return double[start : start + n], position_m, double[start + 4 * n : start + 5 * n]
-
-
-@njit(**INNER)
-def _weights(single, start, rows, columns, given):  # type: ignore[no-untyped-def]
-    if given == 0:
-        return single[:0].reshape(0, 0), start
-    stop = start + rows * columns
-    return single[start:stop].reshape(rows, columns), stop
-
-
-@njit(**INNER)
 def evaluate(  # type: ignore[no-untyped-def]
-    samples, points_m, turns_per_m, place, passes, reference_m, images
+    samples, points_m, place, passes, reference_m, images
 ):
     """Image the points_m [3, n] of a leaf (a smallest box) from the leaf's samples [k, 2, a, b],
     and write the result to `images`, complex64: [k, n] for one image per tone, or [1, n] for the
     sum of all tones."""
     tones, _, n_a, n_b = samples.shape
-    centre_m, length_a, position_a, _, length_b, position_b, _ = place
+    centre_m, turns_per_m, (length_a, position_a, _), (length_b, position_b, _) = place
     count = points_m.shape[1]
     blocks = -(-count // max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
     # of even blocks, the last one filled up with its last point

@@ -190,8 +190,9 @@ class GpuExecutor:
 
     def _plan_cell(self, cell: int) -> None:
         node = self.plan.cell(cell)
-        leaves = self.plan.leaves_of(node, range(self.plan.leaves_per_cell))
-        self._planned[cell] = node, list(leaves.values())
+        first = cell * self.plan.leaves_per_cell
+        leaves = range(first, first + self.plan.leaves_per_cell)
+        self._planned[cell] = node, [self.plan.leaf(leaf) for leaf in leaves]
 
 
 class GpuUpsampler:
