@@ -11,7 +11,7 @@ import tomlkit
 from pydantic import Field, field_validator
 
 from handbench.calibration.array.array_file import with_calibration
-from handbench.calibration.echoes.corrections import Unknown, with_corrections
+from handbench.calibration.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.capture import RadarCapture

@@ -9,9 +9,7 @@ from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
 from handbench.calibration.array.array_file import save_array, with_calibration
-from handbench.calibration.echoes.corrections import Corrections
-from handbench.calibration.echoes.estimate import self_calibrate
-from handbench.calibration.echoes.sentences import sentences
+from handbench.calibration.corrections import from_echoes
 from handbench.calibration.registration.refine import refine
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform
@@ -52,14 +50,9 @@ def _from_echoes(options: argparse.Namespace) -> None:
     file = capture.folder / CORRECTIONS
     free(file, options.overwrite)
     echoes, _ = with_calibration(capture.echoes(1, calibrated=False), capture.folder / ARRAY)
-    found = self_calibrate(echoes, capture.about.unknown)
-    for sentence in sentences(found):
-        say(f"{capture.about.name}: {sentence}")
-    if found.corrections == Corrections():
-        say(f"{file}: is not written, since nothing is determined")
-        return
-    write_json(file, found.corrections.model_dump())
-    say(f"{file}: written; all commands apply it to the capture, whose echoes stay as they are")
+    corrections = from_echoes(echoes, capture.about.unknown)
+    write_json(file, corrections.model_dump())
+    say(f"{file}: {corrections}; all commands apply it to the echoes, which stay as recorded")
 
 
 def _from_targets(options: argparse.Namespace) -> Transform:

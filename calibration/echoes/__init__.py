@@ -1,2 +1,0 @@
-"""Self-calibration: what a capture does not know about its instrument, estimated from its own
-echoes."""
