@@ -176,15 +176,17 @@ class GridPlan:
         low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S
         self.carrier = (middle, *carriers(aperture), (low + high) / (4 * np.pi))
-        waves = partial(self._envelopes, frequencies_hz, aperture)
         antennas_m = np.concatenate([leg.position_m for leg in aperture.legs])
         array_m = (antennas_m.min(axis=0), antennas_m.mean(axis=0), antennas_m.max(axis=0))
         places_m = np.clip([low_m, (low_m + high_m) / 2, high_m, *array_m], low_m, high_m)
         self.x, self.y, self.z = (
-            Resampler(axis, ())
+            Resampler(axis, np.ones((1, 1), np.float32))
             if planes and axis is grid.z_m
             else resampler_for_channels(
-                axis, along, half, UPSAMPLING * family.tolerance, places_m, waves
+                axis,
+                half,
+                UPSAMPLING * family.tolerance,
+                partial(self._channels, frequencies_hz, aperture, places_m, along),
             )
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
@@ -228,25 +230,33 @@ class GridPlan:
             turns += turns_per_m * count * distances(xp, (x, y, z), reference)
         return cis(xp, turns)
 
-    def _envelopes(
-        self, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
+    def _channels(
+        self,
+        frequencies_hz: np.ndarray,
+        aperture: Aperture,
+        places_m: np.ndarray,
+        along: int,
+        axis_m: np.ndarray,
     ) -> np.ndarray:
-        """Compute what single channels contribute to an image, without its carrier, at points_m [n,
-        lines, 3]: complex64 [n, lines, m].
+        """Compute what single channels contribute to an image, without its carrier: complex64 [n,
+        lines, m], at axis_m [n] on lines along one axis (0, 1, 2 for x, y, z) through all
+        combinations of the other two coordinates of places_m [k, 3].
 
-        The m channels combine the outermost and the middle antennas of both legs (transmitters and
-        receivers) at the lowest and the highest tone.
+        The m channels pair the outermost and the middle antennas of both legs (transmitters and
+        receivers), at the lowest and the highest tone.
         """
+        sides = [np.unique(place_m) for place_m in places_m.T]
+        sides[along] = axis_m
+        grid_m = np.moveaxis(np.array(np.meshgrid(*sides, indexing="ij")), along + 1, 1)
+        points_m = grid_m.reshape(3, len(axis_m), -1, 1)
         path_m = sum(
-            leg.passes
-            * np.linalg.norm(points_m[..., None, :] - _outermost(leg.position_m), axis=-1)
+            leg.passes * distances(np, points_m, _outermost(leg.position_m).T)
             for leg in aperture.legs
         )
-        turns_per_m = (
-            np.array([np.min(frequencies_hz), np.max(frequencies_hz)]) / SPEED_OF_LIGHT_M_S
-        )
-        turns = np.multiply.outer(path_m, turns_per_m).reshape(*points_m.shape[:2], -1)
-        return cis(np, turns) * self.carrier_of(*np.moveaxis(points_m, -1, 0))[..., None].conj()
+        ends_hz = np.array([np.min(frequencies_hz), np.max(frequencies_hz)])
+        turns = np.multiply.outer(ends_hz / SPEED_OF_LIGHT_M_S, path_m)
+        waves = cis(np, turns) * self.carrier_of(*points_m).conj()
+        return np.concatenate(waves, axis=-1)
 
     def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
         """Sort the nodes by the tree's cells and leaves.

@@ -9,8 +9,7 @@ sinc) has three times larger errors there.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -22,17 +21,11 @@ TIE = 1e-6  # relative difference below which two members count as equally good
 # nodes are closer together by this share at either end, and by 1/e of it REACH nodes inside
 CROWDING, REACH = 0.6, 4.0
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
-# intervals whose fine samples share their nodes: cost grows with the axis, not with its square ...
-WINDOW = 128
-OVERLAP = 14  # ... and nodes beyond them on either side, where they exist anyway
 
 WIDER = 1.015  # factor by which a band is widened until the worst channel's error is at most ...
 SINGLE = 1.6  # ... this many times the tolerance
 AMPLIFICATION = 1.6  # of the nodes' own errors, at most; root mean square over the fine samples
 PROBED = 49  # frequencies at which the misfit is computed
-
-# points [n, lines, 3] → envelopes of single channels [n, lines, m]
-Waves = Callable[[np.ndarray], np.ndarray]
 
 
 def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
@@ -94,54 +87,20 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
     return index, factor
 
 
-@dataclass(frozen=True)
-class Resampler:
-    """Interpolation along an axis from coarse nodes_m [n] to fine samples.
+class Resampler(NamedTuple):
+    """Interpolation along an axis: fine values = weights · node values.
 
-    windows: pieces of the axis, each (slice of fine samples, slice of the nodes that they are
-    interpolated from, float32 weights [fine, nodes]). If there are no windows, the nodes are the
-    fine samples themselves.
+    nodes_m [n]: the coarse nodes; weights [fine, n]: float32.
     """
 
     nodes_m: np.ndarray
-    windows: tuple[tuple[slice, slice, np.ndarray], ...]
-
-    def apply(self, nodes: np.ndarray, out: np.ndarray) -> None:
-        """Interpolate node values [..., n] to fine values, written to out [..., fine], float32."""
-        if not self.windows:
-            out[...] = nodes
-        for fine, of, weights in self.windows:
-            out[..., fine] = nodes[..., of] @ weights.T
-
-    def along_first(self, nodes: np.ndarray) -> np.ndarray:
-        """Interpolate node values [n, m] along the first axis: [fine, m], float32."""
-        if not self.windows:
-            return nodes
-        fine = np.empty((self.windows[-1][0].stop, nodes.shape[1]), np.float32)
-        for out, of, weights in self.windows:
-            np.dot(weights, nodes[of], out=fine[out])
-        return fine
-
-    def rows(self, most: int) -> list[tuple[slice, slice, np.ndarray | None]]:
-        """Divide the interpolation into pieces of at most `most` fine samples: a list of (slice of
-        fine samples, slice of nodes, weights [fine, nodes]). The weights are None if the nodes are
-        the fine samples themselves."""
-        whole = slice(0, len(self.nodes_m))
-        pieces: list[tuple[slice, slice, np.ndarray | None]] = []
-        for fine, of, weights in self.windows or ((whole, whole, None),):
-            for start in range(fine.start, fine.stop, most):
-                here = slice(start, min(start + most, fine.stop))
-                inside = slice(here.start - fine.start, here.stop - fine.start)
-                pieces.append(
-                    (here, here, None) if weights is None else (here, of, weights[inside])
-                )
-        return pieces
+    weights: np.ndarray
 
 
 def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
     """Find the interpolation to samples at fine_m [n] (ascending, metres) from as few nodes as
-    possible, such that every wave with a spatial frequency within ±half_band (rad/m) has a relative
-    L2 error of at most `tolerance`. If that saves nothing, the samples themselves are the nodes.
+    possible, such that every wave e^{jwx}, |w| ≤ half_band (rad/m), has a relative L2 error of at
+    most `tolerance`. If that saves nothing, the samples themselves are the nodes.
 
     The search begins at the number of degrees of freedom that such waves have at this error
     (Slepian 1983); fewer nodes are hardly ever enough.
@@ -150,61 +109,38 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
     c = max(extent * half_band / 2, 1.0)
     intervals = max(int(2 / np.pi * c - 2 / np.pi**2 * np.log(c) * np.log(tolerance)), 1)
     while intervals + 1 < len(fine_m):
-        nodes = fine_m[0] + extent * _crowded(intervals)
-        windows: list[tuple[slice, slice, np.ndarray]] = []
-        for out, of in _windows(fine_m, nodes, intervals):
-            weights = _weights(fine_m[out], nodes[of], half_band, tolerance)
-            amplification = np.sqrt((weights**2).sum(axis=1).mean())
-            if (
-                amplification > AMPLIFICATION
-                or _misfit(fine_m[out], nodes[of], weights, half_band) > tolerance
-            ):
-                break
-            windows.append((out, of, weights))
-        else:
-            return Resampler(nodes, tuple(windows))
+        nodes_m = fine_m[0] + extent * _crowded(intervals)
+        weights = _weights(fine_m, nodes_m, half_band, tolerance)
+        amplification = np.sqrt((weights**2).sum(axis=1).mean())
+        if (
+            amplification <= AMPLIFICATION
+            and _misfit(fine_m, nodes_m, weights, half_band) <= tolerance
+        ):
+            return Resampler(nodes_m, weights)
         intervals += max(intervals // 60, 1)
-    return Resampler(fine_m, ())
+    return Resampler(fine_m, np.eye(len(fine_m), dtype=np.float32))
 
 
 def resampler_for_channels(
     fine_m: np.ndarray,
-    along: int,
     half_band: float,
     tolerance: float,
-    places_m: np.ndarray,
-    waves: Waves,
+    channels: Callable[[np.ndarray], np.ndarray],
 ) -> Resampler:
-    """Find the interpolation from coarse nodes to samples fine_m [n] (ascending, metres) along one
-    axis of a grid, such that it also reproduces what single channels contribute to an image.
+    """Find the interpolation of `resampler` for a band that is so wide that single channels, too,
+    have a relative L2 error of at most SINGLE · tolerance.
 
-    along: the axis, 0, 1, 2 for x, y, z. These contributions are chirps, whose spectrum leaks out
-    of the band ±half_band (rad/m); the band is widened until they are reproduced too. waves:
-    function from points [n, lines, 3] to the contributions of m channels, without the image's
-    carrier, [n, lines, m]. They are compared on lines along the axis through all combinations of
-    the other two coordinates of places_m [n, 3].
+    What a single channel contributes to an image is a chirp, whose spectrum leaks out of the band
+    ±half_band (rad/m). channels: function from places [n] on the axis to these contributions
+    without the image's carrier, [n, lines, m] for m channels on some lines along the axis.
     """
-    sides = list(
-        product(*(np.unique(place_m) for i, place_m in enumerate(places_m.T) if i != along))
-    )
-
-    def on_lines(position_m: np.ndarray) -> np.ndarray:
-        lines = [
-            np.insert(np.tile(side, (len(position_m), 1)), along, position_m, axis=1)
-            for side in sides
-        ]
-        return waves(np.stack(lines, axis=1))
-
-    fine = on_lines(fine_m)
-    while (found := resampler(fine_m, half_band, tolerance)).windows:
-        nodes = on_lines(found.nodes_m)
-        regained = np.concatenate(
-            [np.tensordot(weights, nodes[of], 1) for _, of, weights in found.windows]
-        )
+    fine = channels(fine_m)
+    while True:
+        found = resampler(fine_m, half_band, tolerance)
+        regained = np.tensordot(found.weights, channels(found.nodes_m), 1)
         if (np.abs(regained - fine) ** 2).mean(axis=(0, 1)).max() <= (SINGLE * tolerance) ** 2:
-            break
+            return found
         half_band *= WIDER
-    return found
 
 
 def _crowded(intervals: int) -> np.ndarray:
@@ -214,22 +150,6 @@ def _crowded(intervals: int) -> np.ndarray:
     from_end = np.minimum(np.arange(intervals), np.arange(intervals)[::-1])
     nodes = np.concatenate([[0.0], np.cumsum(1 - CROWDING * np.exp(-from_end / REACH))])
     return nodes / nodes[-1]
-
-
-def _windows(fine_m: np.ndarray, nodes_m: np.ndarray, intervals: int) -> list[tuple[slice, slice]]:
-    """Divide an axis into windows of at most about WINDOW node intervals: a list of (slice of fine
-    samples, slice of nodes that they are interpolated from). Windows without fine samples, which
-    unevenly sampled axes can have, are left out."""
-    bounds = np.linspace(0, intervals, int(np.ceil(intervals / WINDOW)) + 1).round().astype(int)
-    edges = np.searchsorted(fine_m, nodes_m[bounds])
-    edges[0], edges[-1] = 0, len(fine_m)
-    return [
-        (slice(int(start), int(stop)), slice(max(first - OVERLAP, 0), last + OVERLAP + 1))
-        for first, last, start, stop in zip(
-            bounds[:-1], bounds[1:], edges[:-1], edges[1:], strict=True
-        )
-        if stop > start
-    ]
 
 
 def _misfit(

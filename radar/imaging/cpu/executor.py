@@ -195,7 +195,8 @@ class CpuUpsampler:
         along y, and real and imaginary parts [nz, rows, nx]."""
         plan, (count, nz, ny, _) = self.plan, images.shape
         nx = len(plan.grid.x_m)
-        at_once = max(VOXELS // (nx * (len(plan.grid.z_m) if plan.z.windows else nz)), 1)
+        at_once = max(VOXELS // (nx * len(plan.z.weights)), 1)
+        most = max(ROWS, at_once)
         along_x = np.empty((count, 2, nz, ny, nx), np.float32)
 
         def widen(part: tuple[int, int, slice]) -> None:
@@ -205,26 +206,22 @@ class CpuUpsampler:
             take_carrier_out(
                 piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope
             )
-            plan.x.apply(envelope, along_x[image, :, z, rows])
+            along_x[image, :, z, rows] = envelope @ plan.x.weights.T
 
-        def heighten(part: tuple[int, tuple[slice, slice, np.ndarray | None]]) -> None:
-            image, (rows, of, weights) = part
-            block = (
-                along_x[image, :, :, of]
-                if weights is None
-                else np.matmul(weights, along_x[image, :, :, of])
-            )
+        def heighten(part: tuple[int, int]) -> None:
+            image, first = part
+            block = np.matmul(plan.y.weights[first : first + most], along_x[image])
             for start in range(0, block.shape[2], at_once):
                 piece = block[:, :, start : start + at_once]
                 re, im = (
-                    plan.z.along_first(plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
+                    (plan.z.weights @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
                     for plane in piece
                 )
-                keep(image, slice(rows.start + start, rows.start + start + piece.shape[2]), re, im)
+                keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
 
         halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
         for_each(widen, list(product(range(count), range(nz), halves)))
-        for_each(heighten, list(product(range(count), plan.y.rows(max(ROWS, at_once)))))
+        for_each(heighten, list(product(range(count), range(0, len(plan.y.weights), most))))
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
