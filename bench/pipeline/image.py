@@ -37,7 +37,7 @@ class ImagingTask:
         """Return a depth map of this task with p_gross, the probability of a gross error, added;
         its standard deviations are raised to what the antennas can resolve. Raises HandbenchError
         for an invalid map, such as a plug-in may return."""
-        from handbench.radar.methods.depth_uncertainty import with_p_gross  # it reads a calibration
+        from handbench.radar.methods.gross_errors import with_p_gross  # imports scipy.ndimage
 
         checked = depth.checked(f"method '{self.method.id}'")
         return with_p_gross(checked, self.echoes, self.settings, frame)

@@ -24,7 +24,7 @@ from handbench.bench.validation.mistakes import (
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.depth_uncertainty import with_p_gross
+from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.warmup import compile_kernels
 from handbench.support.config import Config

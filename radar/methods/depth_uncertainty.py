@@ -1,5 +1,4 @@
-"""Uncertainty of a depth map: σ and flags from the phases of FSK, and for any method p_gross, the
-probability of a gross error.
+"""Standard deviations σ and wrap flags of FSK's depths, from the images that gave the depths.
 
 White noise and speckle have no preferred phase: one quadrature of their contribution to
 O_b·conj(O_a) turns its phase, which moves the depth; the other, equally strong, changes its
@@ -12,36 +11,23 @@ phase errors. With ρ = (|O_b| − |O_a|) / ½(|O_b| + |O_a|) as large as the er
 where the mean square of ρ·A is the average of two: over a window of a few resolution cells (speckle
 is local) and over the whole target (a window has few independent values). No noise level is assumed
 or fitted.
-
-p_gross is the probability, per pixel, that a depth is off by more than 5 mm from the nearest true
-surface. It is a logistic function of features of the depth map and of images of some tones at the
-depths found: how coherent these are and which depth they suggest, depth steps and echoes next to
-the pixel, the method's own σ and flags, and means over the scene, since few scenes contain most
-wrong depths. The weights in trust.toml are fitted by bench/studies/trust/measure_trust.py to scenes
-of known surfaces; features are clipped to about the range of these scenes.
 """
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import replace
-from functools import cache, partial
-from pathlib import Path
+from functools import partial
 
 import numpy as np
-from scipy.ndimage import label, maximum_filter, minimum_filter
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
+from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import PixelGrid, bounding_box
+from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.advice import requested_tones_hz
-from handbench.radar.methods.evidence import unresolved_m
 from handbench.radar.methods.first_depth import with_first_depth
 from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
 from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
-from handbench.support.config import Config
 
 # below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
 FEW = 100
@@ -62,31 +48,6 @@ NOISY = 0.25
 UNRELATED_RAD = 2 * np.sqrt(np.pi - 3)
 TAILS = 1.15  # the noise of velocities has wider tails than a Gaussian of its estimated σ
 OTHER_LINE_OF_SIGHT = 0.014  # share of the velocity
-GROSS_M = 5e-3
-BESIDE_M = 5e-3  # half a window of neighbours, two resolution cells wide
-TONES = 8  # tones that are imaged, evenly chosen from a method's
-TOLERANCE = 1e-3  # of the images, whose phases are needed to a hundredth of a radian
-# share of flagged pixels above which the depths are too scattered to be imaged again
-LOST = 0.5
-FARTHEST_DB = 30.0  # below the peak
-WEIGHTS = Path(__file__).with_name("trust.toml")
-FEATURES = (
-    # log10 of the method's own σ over 5 mm; without one, of σ from the tones' amplitudes
-    "sigma",
-    "close",  # log10 of the depth step between the two closest tones over 5 mm
-    "far",  # the same for the two tones furthest apart
-    "incoherence",  # log10(1 − |Σ O|² / (N Σ |O|²)) of the tones at the found depth
-    "range",  # log10 of the range of neighbouring depths over 5 mm
-    "behind",  # log10 of the distance behind the nearest of them over 5 mm, at least 0
-    "before",  # the same before the furthest
-    "below",  # amplitude below the strongest neighbour's, in tens of dB
-    # amplitude of the strongest pixel connected by steps below 5 mm, below the map's peak, in tens
-    # of dB
-    "island",
-    "flag",  # 1 where the method flags the pixel
-    "scene_incoherence",  # mean of `incoherence` over the scene
-    "scene_range",  # mean of `range` over the scene
-)
 
 
 def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
@@ -342,171 +303,3 @@ def _focus(tones: Tones, z_m: float) -> tuple[float, float]:
     ]
     near = points[power.argmax()] + PixelGrid(*about).points_m(0.0).reshape(-1, 3)
     return float(np.abs(image(near)).max()), float(spread_m2)
-
-
-def with_p_gross(
-    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
-) -> DepthMap:
-    """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
-    5 mm: NaN off target, 1 for depths behind the array.
-
-    Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
-    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. Where the method
-    itself flags a pixel (`wrapped`), p_gross is at least the probability from which it does so.
-    config: configuration of the method that made the map.
-    """
-    index, found = features(depth, capture, config, frame)
-    p_gross = np.where(np.isfinite(depth.z_m), 1.0, np.nan)
-    p_gross.ravel()[index] = probability(found, weights_of(depth.method))
-    if depth.wrapped is not None:
-        flagged_from = getattr(config, "wrap_probability", 0.0)
-        p_gross[depth.wrapped] = np.maximum(p_gross[depth.wrapped], flagged_from)
-    least_m = unresolved_m(capture, depth.z_m, frame)
-    p_gross[least_m > GROSS_M] = np.maximum(p_gross[least_m > GROSS_M], 0.5)
-    sigma_m = None if depth.sigma_m is None else np.fmax(depth.sigma_m, least_m)
-    return replace(depth, p_gross=p_gross.astype(np.float32), sigma_m=sigma_m)
-
-
-def probability(found: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Compute the probabilities [n] of a logistic model from the features `found` [n, k] and the
-    weights [1 + k], the constant first."""
-    return 1 / (1 + np.exp(-np.clip(weights[0] + found @ weights[1:], -30, 30)))
-
-
-@cache
-def known_weights() -> dict[str, np.ndarray]:
-    """Read the weights [1 + k] of the logistic model of p_gross, by method id, once per process;
-    those under "any" are for methods without their own."""
-    found = tomllib.loads(WEIGHTS.read_text("utf-8"))
-    return {
-        id: np.array([values[name] for name in ("constant", *FEATURES)])
-        for id, values in found.items()
-    }
-
-
-def weights_of(method: str) -> np.ndarray:
-    """Return the weights [1 + k] of the logistic model of p_gross for a method's id: its own if
-    there are any, else those of the method that it is a variant of, else those for any method."""
-    return next(
-        known_weights()[id]
-        for id in (method, method.partition("-")[0], "any")
-        if id in known_weights()
-    )
-
-
-def features(
-    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Compute the features from which p_gross, the probability of a gross error, is predicted:
-    (flat indices [n] of the pixels with a depth in front of the array, their features [n, k] in the
-    order of FEATURES)."""
-    on = np.nan_to_num(depth.z_m) > 0
-    index = np.flatnonzero(on)
-    if not len(index):
-        return index, np.zeros((0, len(FEATURES)))
-    flag = np.zeros(len(index)) if depth.wrapped is None else depth.wrapped[on].astype(np.float64)
-    columns = _of_neighbours(depth, on) | {"flag": flag}
-    if flag.mean() > LOST:
-        columns |= dict.fromkeys(("noise", "close", "far", "incoherence"), np.full(len(index), 2.0))
-    else:
-        columns |= _of_tones(depth, capture, config, frame, index)
-    columns["sigma"] = (
-        columns["noise"] if depth.sigma_m is None else _log(depth.sigma_m[on] / GROSS_M)
-    )
-    columns |= {f"scene_{name}": columns[name].mean() for name in ("incoherence", "range")}
-    return index, np.stack(
-        [np.broadcast_to(columns[name], len(index)) for name in FEATURES], axis=1
-    )
-
-
-def _log(ratio: np.ndarray) -> np.ndarray:
-    """Compute log10 of a ratio, clipped to ±2; 2 for NaN."""
-    return np.log10(np.clip(np.nan_to_num(ratio, nan=1e2, posinf=1e2), 1e-2, 1e2))
-
-
-def _of_tones(
-    depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Compute those features of p_gross, by name, that need images: each [n] (or one value, for all
-    pixels).
-
-    The pixels with flat indices index [n] are imaged at the depths found, at some of the method's
-    tones, or of the capture's if the configuration names none.
-    """
-    tones_hz = capture.frequencies_hz if (asked := requested_tones_hz(config)) is None else asked
-    some = even_subset(len(tones_hz), TONES)
-    samples, f = capture.tones(tones_hz[some], frame)
-    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
-    tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
-    images = image_points(
-        scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
-    )
-    images = _at_rest(images, depth, capture, tones_hz[some], index)
-    magnitude, apart_hz = np.abs(images).astype(np.float64), np.abs(f - f[0])
-    power = np.maximum((magnitude**2).mean(axis=0), np.finfo(float).tiny)
-    close, far = np.argsort(apart_hz)[[min(1, len(f) - 1), -1]]
-    turned_rad = {
-        name: (np.angle(images[0] * np.conj(images[i])), apart_hz[i])
-        for name, i in (("close", close), ("far", far))
-    }
-    turned_rad["noise"] = (
-        magnitude.std(axis=0, ddof=min(1, len(f) - 1)) / np.sqrt(power),
-        np.ptp(f),
-    )
-    steps_m = {
-        name: SPEED_OF_LIGHT_M_S * np.abs(rad) / (4 * np.pi * (hz + 1e-9))
-        for name, (rad, hz) in turned_rad.items()
-    }
-    coherence = np.abs(images.mean(axis=0)) ** 2 / power
-    return {name: _log(step_m / GROSS_M) for name, step_m in steps_m.items()} | {
-        "incoherence": _log(1 - coherence)
-    }
-
-
-def _at_rest(
-    images: np.ndarray,
-    depth: DepthMap,
-    capture: RadarCapture,
-    tones_hz: np.ndarray,
-    index: np.ndarray,
-) -> np.ndarray:
-    """Take the phase −4πfvt/c of the depth map's velocities v off the images [f, n] of its pixels
-    with flat indices index [n]. Without velocities or times, the images are returned unchanged."""
-    if depth.velocity_m_s is None or capture.times_s is None:
-        return images
-    measured = capture.tone_index(tones_hz)
-    after_s = capture.times_s[measured] - capture.times_s.min()
-    turns_s_m = 2 * capture.vacuum_hz[measured] * after_s / SPEED_OF_LIGHT_M_S
-    velocity_m_s = np.nan_to_num(depth.velocity_m_s.ravel()[index])
-    return np.asarray(images * np.exp(2j * np.pi * turns_s_m[:, None] * velocity_m_s))
-
-
-def _of_neighbours(depth: DepthMap, on: np.ndarray) -> dict[str, np.ndarray]:
-    """Compute those features of p_gross, by name, that follow from the depth map: [n], from depths
-    and amplitudes around each of the n pixels where `on` [ny, nx] is True."""
-    box = bounding_box(on)
-    on, z_m, db = on[box], depth.z_m[box], depth.amplitude_db[box]
-    window = [
-        1 + 2 * round(BESIDE_M / np.ptp(axis[:2])) if len(axis) > 1 else 1
-        for axis in (depth.y_m, depth.x_m)
-    ]
-    nearest_m = minimum_filter(np.where(on, z_m, np.inf), window)[on]
-    furthest_m = maximum_filter(np.where(on, z_m, -np.inf), window)[on]
-    strongest_db = maximum_filter(np.where(on, db, -np.inf), window)[on]
-    # pixels, and between them whether the surface is connected
-    joined = np.zeros([2 * n - 1 for n in on.shape], bool)
-    joined[::2, ::2] = on
-    with np.errstate(invalid="ignore"):
-        joined[1::2, ::2], joined[::2, 1::2] = (
-            np.abs(np.diff(z_m, axis=axis)) < GROSS_M for axis in (0, 1)
-        )
-    island = label(joined)[0][::2, ::2][on]
-    peak_db = np.full(island.max() + 1, -FARTHEST_DB)
-    np.maximum.at(peak_db, island, db[on])
-    return {
-        "range": _log((furthest_m - nearest_m) / GROSS_M),
-        "behind": np.maximum(_log((z_m[on] - nearest_m) / GROSS_M), 0),
-        "before": np.maximum(_log((furthest_m - z_m[on]) / GROSS_M), 0),
-        "below": np.minimum(strongest_db - db[on], FARTHEST_DB) / 10,
-        "island": -peak_db[island] / 10,
-    }

@@ -1,16 +1,11 @@
 """The studies run, and write what the product and the documentation read."""
 
-import json
-import tomllib
-
 import numpy as np
 import pytest
 
 from handbench.bench.studies import measure_engine, measure_noise_fit
-from handbench.bench.studies.trust import measure_trust
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.depth_uncertainty import FEATURES
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
 from handbench.radar.simulation.forward import Scatterers
@@ -40,20 +35,7 @@ def noise_fit(out):
     assert 1e-4 < measure_noise_fit.fit(str(out / "bench.toml"), 0.5) < 0.1
 
 
-def trust(out):
-    """Of four kinds of surfaces, two calibrate."""
-    words = ["--scenes", "4", "--methods", "3fsk", "--only", "points", "--fit", "-o", str(out)]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measure_trust, "WEIGHTS", out / "trust.toml")
-        patch.setattr("sys.argv", ["measure_trust", *words])
-        measure_trust.main()
-    rows = json.loads((out / "trust.json").read_text())["rows"]
-    scenes = {row["group"]: row["scenes"] for row in rows}
-    assert scenes == {"calibration": 2, "other surfaces": 2}
-    assert list(tomllib.loads((out / "trust.toml").read_text())["any"]) == ["constant", *FEATURES]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("study", [engine, noise_fit, trust])
+@pytest.mark.parametrize("study", [engine, noise_fit])
 def test_a_study_runs(study, tmp_path):
     study(tmp_path)

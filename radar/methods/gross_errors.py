@@ -1,0 +1,95 @@
+"""Probability that a depth is grossly wrong, for the depth map of any method.
+
+The odds of a depth error above s = 5 mm are taken as
+
+    p / (1 − p) = σ/s · max(1, h/s) · ε · A_max/A · 10^wrapped,
+
+with the predicted error σ, the largest depth step h to a pixel within 5 mm, the incoherence ε = 1 −
+|Σ O|² / (N Σ |O|²) of the images O of N tones at the depth found, the amplitude A, and the method's
+flag `wrapped`. For a method without σ it is the Cramér–Rao bound σ² = ε / (2N(1 − ε) Var k), k =
+4πf/c. No factor is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter
+
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.imaging.api import image_points
+from handbench.radar.methods.advice import requested_tones_hz
+from handbench.radar.methods.evidence import unresolved_m
+from handbench.support.config import Config
+
+GROSS_M = 5e-3
+TONES = 8  # tones that are imaged, evenly chosen from a method's
+TOLERANCE = 1e-3  # of their images
+LEAST_INCOHERENCE = 0.01  # curvature and slope within a resolution cell cause as much
+
+
+def with_p_gross(
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
+) -> DepthMap:
+    """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
+    5 mm: NaN off target, 1 for depths behind the array.
+
+    Depth varies within one resolution cell of the antennas: sigma_m is raised to at least this
+    variation, and where the variation exceeds 5 mm, p_gross is at least 0.5. config: configuration
+    of the method that made the map.
+    """
+    on, least_m = np.nan_to_num(depth.z_m) > 0, unresolved_m(capture, depth.z_m, frame)
+    images, k = _tone_images(depth, capture, config, frame, np.flatnonzero(on))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        coherence = np.abs(images.mean(axis=0)) ** 2 / (np.abs(images) ** 2).mean(axis=0)
+        incoherence = np.maximum(1 - coherence, LEAST_INCOHERENCE)
+        bound_m = np.sqrt(incoherence / (1 - incoherence) / (2 * len(k) * k.var()))
+        sigma_m = None if depth.sigma_m is None else np.fmax(depth.sigma_m, least_m)
+        odds = (bound_m if sigma_m is None else sigma_m[on]) / GROSS_M
+        odds *= np.maximum(1, _step_m(depth)[on] / GROSS_M) * incoherence
+        odds *= 10 ** (-depth.amplitude_db[on].astype(np.float64) / 20)
+    if depth.wrapped is not None:
+        odds *= 10.0 ** depth.wrapped[on]
+    odds = np.where(np.isnan(odds), np.inf, np.maximum(odds, least_m[on] > GROSS_M))
+    p_gross = np.where(np.isfinite(depth.z_m), np.float32(1), np.float32(np.nan))
+    p_gross[on] = 1 - 1 / (1 + odds)
+    return replace(depth, p_gross=p_gross, sigma_m=sigma_m)
+
+
+def _step_m(depth: DepthMap) -> np.ndarray:
+    """Compute the largest difference of each depth from those within 5 mm beside it: [ny, nx]."""
+    window_px = [
+        1 + 2 * round(GROSS_M / abs(axis_m[1] - axis_m[0])) if len(axis_m) > 1 else 1
+        for axis_m in (depth.y_m, depth.x_m)
+    ]
+    off = np.isnan(depth.z_m)
+    nearest_m = minimum_filter(np.where(off, np.inf, depth.z_m), window_px)
+    furthest_m = maximum_filter(np.where(off, -np.inf, depth.z_m), window_px)
+    return np.asarray(np.maximum(depth.z_m - nearest_m, furthest_m - depth.z_m))
+
+
+def _tone_images(
+    depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Image the pixels with flat indices index [n] at their depths, at N of the method's tones
+    (without any, of the capture's): (images [N, n], k = 4πf/c [N] in rad/m). The phase 4πfvt/c of
+    the map's velocities v is taken off."""
+    asked_hz = requested_tones_hz(config)
+    tones_hz = capture.frequencies_hz if asked_hz is None else asked_hz
+    tones_hz = tones_hz[even_subset(len(tones_hz), TONES)]
+    samples, f = capture.tones(tones_hz, frame)
+    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
+    tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
+    images = image_points(
+        scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
+    ).astype(np.complex128)
+    k = 4 * np.pi * f / SPEED_OF_LIGHT_M_S
+    if depth.velocity_m_s is not None and capture.times_s is not None:
+        delay_s = capture.times_s[capture.tone_index(tones_hz)] - capture.times_s.min()
+        shift_m = np.outer(delay_s, np.nan_to_num(depth.velocity_m_s.ravel()[index]))
+        images *= np.exp(1j * k[:, None] * shift_m)
+    return images, k
