@@ -25,7 +25,6 @@ from handbench.support.errors import HandbenchError
 MAX_STEPS = 8
 SETTLED_M = 5e-6  # size of the last step; the remaining error is of second order, some nanometres
 FARTHEST_M = 0.003  # largest distance of the fit from the peak
-TONES = 4  # every fourth tone is used for the effect of polarisation
 # beyond a ball's own peak
 AROUND_M = 0.015 * np.array([p for p in product((-1, 0, 1), repeat=3) if any(p)])
 COLUMNS = 5  # of an element: ball, its three derivatives, foam's front
@@ -84,8 +83,7 @@ def fit_balls(
             rest, capture.frequencies_hz, mimo_array(capture), centre_m + AROUND_M, False
         )[0]
         noise = max(white, float(np.mean(np.abs(image) ** 2)) / rest.size)
-        shift_m = _polarisation_shift(capture, target, i, centre_m)
-        covariance_m2 = inverse[place, place] * noise / 2 + np.outer(shift_m, shift_m)
+        covariance_m2 = inverse[place, place] * noise / 2
         fitted[i] = replace(balls[i], centre_m=centre_m, covariance_m2=covariance_m2)
     return fitted
 
@@ -129,35 +127,6 @@ def _settle(
         inverse,
         rest.reshape(capture.samples[0].shape),
     )
-
-
-def _polarisation_shift(
-    capture: RadarCapture, target: Target, number: int, centre_m: np.ndarray
-) -> np.ndarray:
-    """Compute by how much the fitted position of the ball of element `number` is wrong if the
-    antennas' electric field is along x, while the model assumes the mean over all directions: [3],
-    metres. For a field along y the shift is opposite.
-
-    The cause is that creeping waves differ along and across the field. The shift is a few µm for
-    radii of 2.5 mm and more, since channels of all angles contribute.
-    """
-    element, delay_m = target.element[number], target.foam_delay_m[number]
-    few = replace(
-        capture,
-        samples=capture.samples[:, ::TONES],
-        frequencies_hz=capture.frequencies_hz[::TONES],
-        times_s=None,
-    )
-    columns = _columns(target, number, centre_m, few)[:4]
-    along_x = np.array([1.0, 0.0, 0.0])
-    echo = sphere_echo(
-        centre_m, element.ball_radius_m, delay_m, few.frequencies_hz, mimo_array(few), along_x
-    )
-    seen = echo.reshape(-1)
-    strength = np.vdot(columns[0], seen)
-    real = np.diag([1, *3 * [strength]])[:, [0, 0, 1, 2, 3]] * [1, 1j, 1, 1, 1]
-    normal = (real.conj().T @ (columns.conj() @ columns.T) @ real).real
-    return np.linalg.solve(normal, (real.conj().T @ (columns.conj() @ seen)).real)[2:]
 
 
 def _columns(

@@ -81,8 +81,8 @@ class EchoScene:
     seed of all random draws. origin_m [3]: the target's origin, to which causes.motion.pivot_m is
     relative; bent: the target's vertices [n, 3] as a function of time in seconds, with the motion
     of a hand's fingers alone (None: the target moves as a whole or not at all).
-    polarisation_deg: direction of the antennas' electric field, from x towards y (used for balls
-    and for echoes over two or more places).
+    polarisation_deg: direction of the antennas' electric field, from x towards y (used for echoes
+    over two or more places).
 
     Accuracy: `coarser` multiplies the longest edge of the facets into which surfaces are divided.
     """

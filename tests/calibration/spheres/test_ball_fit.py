@@ -20,11 +20,10 @@ WHOLE = qar50()
 ARRAY = AntennaArray(WHOLE.tx_m[::4], WHOLE.rx_m[::4])
 TONES_HZ = np.linspace(72e9, 82e9, 32)
 FACE = 0.02  # of the foam's front against its ball, about −34 dB; the real one's
-X, Y = np.eye(3)[:2]
 
 
 def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -> np.ndarray:
-    """Balls of unknown polarisation, and the fronts of their foam at FACE of the balls' norm."""
+    """Balls, and the fronts of their foam at FACE of the balls' norm."""
     samples = np.zeros((len(TONES_HZ), *array.channels), np.complex128)
     for element, delay_m, centre_m in zip(
         target.element, target.foam_delay_m, centres_m, strict=True
@@ -78,7 +77,7 @@ def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, pla
     samples = echoes(target, placed, WHOLE)
     samples += noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
     beside_m = placed[0] - [0.07, 0.0, 0.0]
-    clutter = sphere_echo(beside_m, 0.02, 0.0, TONES_HZ, WHOLE, Y)
+    clutter = sphere_echo(beside_m, 0.02, 0.0, TONES_HZ, WHOLE)
     peak = DetectedBall(
         beside_m, np.eye(3), (0,), beside_m * (1 - 0.02 / np.linalg.norm(beside_m)), 0.0
     )

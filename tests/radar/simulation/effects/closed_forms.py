@@ -5,7 +5,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import facets_of
-from handbench.radar.simulation.physics.spheres import mie_amplitudes, sphere_echo
+from handbench.radar.simulation.physics.spheres import mie_amplitude, sphere_echo
 from handbench.radar.simulation.scene import Body
 from tests.radar.direct_sums import direct_echoes
 from tests.radar.simulation.effects.plates import sheet, sphere_body
@@ -18,7 +18,7 @@ WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ
 def mie_backscatter(ka: np.ndarray) -> np.ndarray:
     """Backscattering amplitude of a metal sphere over that of geometrical optics: complex [n]; |F|²
     = σ/(πa²)."""
-    return mie_amplitudes(ka, np.ones(1))[0][:, 0]
+    return mie_amplitude(ka, np.ones(1))[:, 0]
 
 
 def optics_of(body: Body, oblique: bool = True) -> Scatterers:
