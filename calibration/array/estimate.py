@@ -22,7 +22,7 @@ import numpy as np
 from handbench.calibration.array.array_file import ArrayCalibration, Side
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import Target, match
-from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls, mimo_array
+from handbench.calibration.spheres.radar_detection import find_balls, mimo_array
 from handbench.calibration.transforms import umeyama
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
@@ -33,7 +33,7 @@ ROUNDS = 2  # the balls' places after the first round are within micrometres of 
 SWEEPS = 20  # of alternating least squares
 WEAKEST = 0.1  # antennas whose gain is less than this share of the median are dead
 # a ball is stronger than the foam and than the side lobes of an imperfect array
-SEARCH = EchoSearch(threshold_db=-10.0)
+THRESHOLD_DB = -10.0
 # distance of a ball from its described place, in standard deviations of the target's manufacture
 FARTHEST_SIGMAS = 4.0
 LEAST_SIGMA_M = 5e-5  # of the manufacture
@@ -53,7 +53,7 @@ def estimate_array(
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True), frame_times_s=None)
     calibrated = mean
     for _ in range(ROUNDS):
-        found = find_balls(calibrated, target, SEARCH)
+        found = find_balls(calibrated, target, THRESHOLD_DB)
         balls = match(found, target, "echoes")
         missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
         if missing:
@@ -167,7 +167,7 @@ def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> Side:
 def _require_target(calibrated: RadarCapture, target: Target, source: str) -> None:
     """Raise HandbenchError if the calibrated echoes show another thing as strong as a ball, or a
     ball that is not at its described place."""
-    found = find_balls(calibrated, target, SEARCH)
+    found = find_balls(calibrated, target, THRESHOLD_DB)
     balls = match(found, target, "echoes")
     for other in found:
         if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.registration import register as registration
 from handbench.calibration.registration.register import common_pairs, solve
 from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.spheres import optical_detection
+from handbench.calibration.spheres import optical_detection, radar_detection
 from handbench.calibration.spheres.description import Candidate, Target, match
-from handbench.calibration.spheres.radar_detection import EchoSearch, find_balls
 from handbench.calibration.transforms import Transform
-from handbench.radar.data.grid import Axis
+from handbench.radar.data.grid import Axis, VoxelGrid
 
 ANY = tuple(range(5))
-# A quarter of the voxels of the default: every target of a test is inside, and a ball's image is
+# A quarter of the voxels of the product: every target of a test is inside, and a ball's image is
 # 4 mm wide and 15 mm deep.
-SIDE = Axis(start_m=-0.12, stop_m=0.12, step_m=0.004)
-SEARCH = EchoSearch(x=SIDE, y=SIDE, z=Axis(start_m=0.2, stop_m=0.45, step_m=0.008))
+SIDE_M = Axis(start_m=-0.12, stop_m=0.12, step_m=0.004).values_m()
+VOLUME = VoxelGrid(SIDE_M, SIDE_M, Axis(start_m=0.2, stop_m=0.45, step_m=0.008).values_m())
 
 
 def pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -31,9 +28,9 @@ def pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def search_coarsely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Have the registration look for balls in SEARCH alone, and for spheres at a quarter of the
+    """Have the registration look for balls in VOLUME only, and for spheres at a quarter of the
     votes' maxima."""
-    monkeypatch.setattr(registration, "find_balls", partial(find_balls, search=SEARCH))
+    monkeypatch.setattr(radar_detection, "VOLUME", VOLUME)
     monkeypatch.setattr(optical_detection, "MAX_MODES", 10)
 
 
