@@ -9,8 +9,7 @@ geometry only, the plan (`radar.imaging.plan`), is the same on all devices; comp
 on the processor (`radar.imaging.cpu`), array code elsewhere (`radar.imaging.gpu`).
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +23,13 @@ from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.imaging.plan import (
     COARSER,
     GridPlan,
+    SortedPoints,
     TreePlan,
     exact_terms,
     get_or_compute,
     lattice_box,
     node_cost,
+    planning_terms,
 )
 from handbench.radar.imaging.tree import Family, clusters, needs_direct_sum
 from handbench.support.cost import require_memory
@@ -38,8 +39,6 @@ from handbench.support.progress import track
 TOLERANCES = (1e-6, 0.1)  # below, float32 is too coarse; above, the bounds no longer hold
 SIZES = (1e-20, 1e20)  # of the largest sample, whose products and sums float32 surely holds
 CHUNK = 1 << 18  # voxels that the exact path images at once
-
-Made = TypeVar("Made")
 
 
 def image_points(
@@ -68,30 +67,14 @@ def image_points(
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    terms = exact_terms(len(samples) * len(points), aperture)
-    parts = (
-        [] if tolerance is None or needs_direct_sum(aperture) else clusters(points, frequencies_hz)
-    )
-    if 2 * len(parts) * node_cost(aperture) > terms:  # a cell and a leaf each
-        parts = []
     family = Family(tolerance or 0.0, apart)
-    plans = [
-        points_executor(frequencies_hz, aperture, points[near], family, _device().executor)
-        for near in parts
-    ]
-    if any(executor.plan.too_many_leaves for executor in plans):
-        plans, parts = [], []
-    places = [executor.plan.sort(points[near]) for executor, near in zip(plans, parts, strict=True)]
-    if (
-        not parts
-        or sum(executor.plan.cost(where) for executor, where in zip(plans, places, strict=True))
-        > terms
-    ):
-        images = to_host(_device().exact_images(samples, frequencies_hz, aperture, points, apart))
-    else:
-        images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
-        for executor, near, where in zip(plans, parts, places, strict=True):
-            images[:, near] = to_host(executor.image(samples, where))
+    plans = [] if tolerance is None else _plans(frequencies_hz, aperture, points, family)
+    if not plans:
+        images = _engine().exact_images(samples, frequencies_hz, aperture, points, apart)
+        return to_host(images).reshape(shape)
+    images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
+    for plan, near, where in plans:
+        images[:, near] = to_host(_engine().image(plan, samples, where))
     return images.reshape(shape)
 
 
@@ -125,9 +108,9 @@ def image_volume(
     if tolerance is None:
         volumes = _exact_volume(samples, frequencies_hz, aperture, grid, apart)
     else:
-        imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, apart))
-        nodes, images = imager.nodes(samples, grid.z_m)
-        volumes = imager.upsampler.volume(nodes, images, carrier)
+        plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, apart))
+        nodes, images = _node_images(plan, samples, frequencies_hz, aperture, grid.z_m)
+        volumes = _engine().volume(plan, nodes, images, carrier)
     return volumes.reshape((count, *grid.shape) if apart else grid.shape)
 
 
@@ -149,58 +132,26 @@ def project_volume(
     _check_size(samples, frequencies_hz, aperture)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
-    imager = _grid_imager(frequencies_hz, aperture, grid, Family(tolerance, False))
-    nodes, images = imager.nodes(samples, grid.z_m)
-    return imager.upsampler.project(nodes, images)
+    plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, False))
+    peaks: Peaks = _engine().project(
+        plan, *_node_images(plan, samples, frequencies_hz, aperture, grid.z_m)
+    )
+    return peaks
 
 
-def points_executor(
-    frequencies_hz: np.ndarray,
-    aperture: Aperture,
-    points_m: np.ndarray,
-    family: Family,
-    executor: Callable[[TreePlan], Made],
-) -> Made:
-    """Return the object that images points_m [n, 3], and other points nearby, with a plan of the
-    geometry: executor(plan). It is taken from the cache if an equal one was made before.
-
-    executor: class or function that takes a `TreePlan`, such as `CpuExecutor`; its result applies
-    the plan to samples. family: tolerance and other settings of the plan.
-    """
+def points_plan(
+    frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family
+) -> TreePlan:
+    """Return a plan of the geometry for points_m [n, 3] and other points nearby. It is taken from
+    the cache if an equal one was made before. family: tolerance and other settings of the plan."""
     box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
-    what = (current_device(), executor.__module__, *box)
-    build = lambda: executor(TreePlan(frequencies_hz, aperture, box, family))  # noqa: E731
-    return get_or_compute(what, frequencies_hz, aperture, family, build)
-
-
-class GridImager:
-    """Images a voxel grid on the current device in two stages: `nodes` images a coarse grid of
-    nodes, and `upsampler` interpolates from the nodes to all voxels."""
-
-    def __init__(
-        self, plan: GridPlan, frequencies_hz: np.ndarray, aperture: Aperture, apart: bool
-    ) -> None:
-        device = _device()
-        self.plan, self._how = plan, (frequencies_hz, aperture, apart)
-        self._executor = None if plan.tree is None else device.executor(plan.tree)
-        self.upsampler = device.upsampler(plan)
-
-    def nodes(self, samples: np.ndarray, z_m: np.ndarray) -> tuple[VoxelGrid, Array]:
-        """Image the coarse nodes from which all voxels are interpolated: (grid of the nodes,
-        complex64 images [f or 1, nz, ny, nx] at them, in the device's memory).
-
-        samples: complex [f, t, r] or [f, n]. z_m: depths of the voxel grid; if the imager is for
-        single planes, [1], the depth of this plane.
-        """
-        nodes = self.plan.nodes_at(z_m)
-        if self._executor is None:
-            frequencies_hz, aperture, apart = self._how
-            images = _device().exact_images(
-                samples, frequencies_hz, aperture, nodes.points_m().reshape(-1, 3), apart
-            )
-        else:
-            images = self._executor.image(samples, self.plan.sort(self._executor.plan, nodes))
-        return nodes, images.reshape(-1, *nodes.shape)
+    return get_or_compute(
+        ("points", *box),
+        frequencies_hz,
+        aperture,
+        family,
+        lambda: TreePlan(frequencies_hz, aperture, box, family),
+    )
 
 
 def check(tolerance: float | None) -> None:
@@ -223,46 +174,64 @@ def _check_size(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Apert
         )
 
 
-class _Device(NamedTuple):
-    """The implementation of imaging on one device. executor: makes from a plan the object that
-    applies it to samples; upsampler: makes from a grid's plan the object that interpolates coarse
-    nodes to voxels; exact_images: sums every tone and antenna."""
-
-    executor: Callable[[TreePlan], Any]
-    upsampler: Callable[[GridPlan], Any]
-    exact_images: Callable[..., Array]
+def _engine() -> Any:
+    """Return the module that makes images on the current device: its functions `image`, `volume`
+    and `project` apply plans to samples, and `exact_images` sums every tone and antenna."""
+    return cpu if current_device() == "cpu" else gpu
 
 
-def _device() -> _Device:
-    """Return the functions that make images on the current device."""
-    if current_device() == "cpu":
-        return _Device(cpu.CpuExecutor, cpu.CpuUpsampler, cpu.exact_images)
-    return _Device(gpu.GpuExecutor, gpu.GpuUpsampler, gpu.exact_images)
+def _plans(
+    frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family
+) -> list[tuple[TreePlan, np.ndarray, SortedPoints]]:
+    """Divide points [n, 3] into compact clusters, and return the plan, the indices and the sorted
+    points of each; an empty list if the exact sum costs less than these plans."""
+    if needs_direct_sum(aperture):
+        return []
+    terms = exact_terms(len(frequencies_hz) * len(points_m), aperture)
+    parts = clusters(points_m, frequencies_hz)
+    if 2 * len(parts) * node_cost(aperture) > terms:  # a cell and a leaf each
+        return []
+    plans = [points_plan(frequencies_hz, aperture, points_m[near], family) for near in parts]
+    places = [plan.sort(points_m[near]) for plan, near in zip(plans, parts, strict=True)]
+    planned = list(zip(plans, parts, places, strict=True))
+    cost = sum(planning_terms(where, plan, aperture) for plan, _, where in planned)
+    return planned if cost <= terms else []
 
 
-def _grid_imager(
+def _grid_plan(
     frequencies_hz: np.ndarray, aperture: Aperture, grid: VoxelGrid, family: Family
-) -> GridImager:
-    """Return the imager of a voxel grid, from the cache if an equal one was made before. The imager
-    of a plane (a grid with one depth) is also reused for planes at nearby depths."""
+) -> GridPlan:
+    """Return the plan of a voxel grid, from the cache if an equal one was made before. The plan of
+    a plane (a grid with one depth) is also reused for planes at nearby depths."""
     planes, z_m = len(grid.z_m) == 1, grid.z_m
     if planes:
         box = lattice_box(*grid.ends_m)
         z_m = np.array([box.low_m[2], box.high_m[2]])
-
-    def build() -> GridImager:
-        plan = GridPlan(
-            frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes
-        )
-        return GridImager(plan, frequencies_hz, aperture, family.apart)
-
     return get_or_compute(
-        (current_device(), "volume", planes, grid.x_m, grid.y_m, z_m),
+        ("grid", planes, grid.x_m, grid.y_m, z_m),
         frequencies_hz,
         aperture,
         family,
-        build,
+        lambda: GridPlan(
+            frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes
+        ),
     )
+
+
+def _node_images(
+    plan: GridPlan, samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, z_m: Array
+) -> tuple[VoxelGrid, Array]:
+    """Image the coarse nodes from which all voxels are interpolated: (grid of the nodes, complex64
+    images [f or 1, nz, ny, nx] at them, in the device's memory). z_m: depths of the voxel grid."""
+    nodes = plan.nodes_at(z_m)
+    if plan.tree is None:
+        points_m = nodes.points_m().reshape(-1, 3)
+        images = _engine().exact_images(
+            samples, frequencies_hz, aperture, points_m, plan.family.apart
+        )
+    else:
+        images = _engine().image(plan.tree, samples, plan.sort(nodes))
+    return nodes, images.reshape(-1, *nodes.shape)
 
 
 def _exact_volume(
@@ -277,7 +246,7 @@ def _exact_volume(
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = to_host(
-            _device().exact_images(
+            _engine().exact_images(
                 samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
             )
         )

@@ -49,7 +49,6 @@ GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
 # cost of a term of a scan's sum over positions relative to one of a matrix product (measured: 14 to
 # 19)
 SCAN = 16
-MOST_LEAVES = 1 << 24  # of a plan: an index of more takes gigabytes, and longer than the images
 
 Built = TypeVar("Built")
 
@@ -58,12 +57,16 @@ _lock = Lock()
 
 
 class SortedPoints(NamedTuple):
-    """Points sorted by the leaves (smallest boxes) of a plan: points_m [3, n]; order [n], their
-    indices before sorting; starts [leaves + 1], the index at which the points of each leaf
-    begin."""
+    """Points sorted by the leaves (smallest boxes) of a plan.
+
+    points_m [3, n]; order [n]: their indices before sorting; leaf [m]: numbers of the leaves that
+    contain points, counted over all cells; starts [m + 1]: index at which the points of each of
+    these begin.
+    """
 
     points_m: np.ndarray
     order: np.ndarray
+    leaf: np.ndarray
     starts: np.ndarray
 
 
@@ -86,29 +89,12 @@ class TreePlan:
         ).astype(int)
         self.cells = np.maximum(np.round(leaves / LEAVES_PER_CELL_SIDE), 1).astype(int)
         self.leaves = np.ceil(leaves / self.cells).astype(int)  # of each cell
-        self.leaves_per_cell = int(np.prod(self.leaves))
+        self.leaves_per_cell = prod(self.leaves.tolist())
         self.passes, self.reference_m = carriers(aperture)
-        self.node_cost = node_cost(aperture)
         self.root_node = root_node(frequencies_hz, aperture)
         self.top_node = child_node(self.root_node, box, family, keep_antennas=True)
-        self.count = prod(self.cells.tolist())  # of cells
         self._cells: dict[int, Node] = {}
         self._leaves: dict[int, Node] = {}
-        self.too_many_leaves = self.count * self.leaves_per_cell > MOST_LEAVES
-
-    def touched(self, where: SortedPoints) -> list[int]:
-        """Return the numbers of the cells that contain at least one of the sorted points."""
-        begin = where.starts[:: self.leaves_per_cell]
-        return [int(cell) for cell in np.flatnonzero(np.diff(begin))]
-
-    def cost(self, where: SortedPoints | None = None) -> float:
-        """Return the cost of planning those cells and leaves that contain sorted points, or all of
-        them if `where` is None. Unit: one term of the exact sum, for one point, tone and
-        channel."""
-        nodes = self.count * (1 + self.leaves_per_cell)
-        if where is not None:
-            nodes = len(self.touched(where)) + np.count_nonzero(np.diff(where.starts))
-        return nodes * self.node_cost
 
     def cell(self, cell: int) -> Node:
         """Return the node (tones, antennas and their weights) of the cell with this number."""
@@ -126,14 +112,15 @@ class TreePlan:
             self._leaves[leaf] = child_node(parent, box, self.family)
         return self._leaves[leaf]
 
-    def leaves_in(self, cell: int, where: SortedPoints) -> Iterator[tuple[Node, int, int]]:
-        """Yield the node of each leaf of a cell that contains sorted points, and the indices at
-        which its points begin and end."""
-        first = cell * self.leaves_per_cell
-        starts = where.starts[first : first + self.leaves_per_cell + 1].tolist()
-        for leaf, (start, stop) in enumerate(pairwise(starts), first):
-            if stop > start:
-                yield self.leaf(leaf), start, stop
+    def leaves_in(self, where: SortedPoints) -> dict[int, list[tuple[int, int, int]]]:
+        """Group the leaves that contain sorted points by their cells: cell → (leaf, indices at
+        which its points begin and end) of each."""
+        groups: dict[int, list[tuple[int, int, int]]] = {}
+        for leaf, (start, stop) in zip(
+            where.leaf.tolist(), pairwise(where.starts.tolist()), strict=True
+        ):
+            groups.setdefault(leaf // self.leaves_per_cell, []).append((leaf, start, stop))
+        return groups
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that
@@ -144,9 +131,12 @@ class TreePlan:
         cell, leaf = np.divmod(place, self.leaves)
         key = np.ravel_multi_index(cell.T, self.cells) * self.leaves_per_cell
         key += np.ravel_multi_index(leaf.T, self.leaves)
-        order = np.argsort(key.astype(np.int32), kind="stable")
-        starts = np.searchsorted(key[order], np.arange(int(np.prod(counts)) + 1))
-        return SortedPoints(np.ascontiguousarray(points_m[order].T, np.float64), order, starts)
+        order = np.argsort(key, kind="stable")
+        numbers, starts = np.unique(key[order], return_index=True)
+        starts = np.append(starts, len(key))
+        return SortedPoints(
+            np.ascontiguousarray(points_m[order].T, np.float64), order, numbers, starts
+        )
 
 
 class GridPlan:
@@ -190,7 +180,7 @@ class GridPlan:
             )
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
-        self.grid, self.planes, self.tolerance = grid, planes, family.tolerance
+        self.grid, self.planes, self.family = grid, planes, family
         self.nodes = VoxelGrid(self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
         images = len(frequencies_hz) if family.apart else 1
@@ -201,10 +191,11 @@ class GridPlan:
             if needs_direct_sum(aperture)
             else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         )
-        terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
-        if self.tree is not None and self.tree.cost() > max(PLANNED, terms):
-            self.tree = None
-        self._sorted: SortedPoints | None = None
+        if self.tree is not None:
+            self._sorted = self.tree.sort(self.nodes.points_m().reshape(-1, 3))
+            terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
+            if planning_terms(self._sorted, self.tree, aperture) > max(PLANNED, terms):
+                self.tree = None
 
     def nodes_at(self, z_m: np.ndarray) -> VoxelGrid:
         """Return the grid of the coarse nodes. z_m [1]: depth of the plane, if the plan is for
@@ -258,21 +249,10 @@ class GridPlan:
         waves = cis(np, turns) * self.carrier_of(*points_m).conj()
         return np.concatenate(waves, axis=-1)
 
-    def sort(self, tree: TreePlan, nodes: VoxelGrid) -> SortedPoints:
-        """Sort the nodes by the tree's cells and leaves.
-
-        The result is kept for the next call. If the plan is for single planes, it is reused at
-        another depth only if all leaves are in one layer along z.
-        """
-        if self.planes and tree.cells[2] * tree.leaves[2] > 1:
-            return tree.sort(nodes.points_m().reshape(-1, 3))
-        if self._sorted is None:
-            self._sorted = tree.sort(nodes.points_m().reshape(-1, 3))
-        if not self.planes:
-            return self._sorted
-        points_m = self._sorted.points_m.copy()
-        points_m[2] = nodes.z_m
-        return self._sorted._replace(points_m=points_m)
+    def sort(self, nodes: VoxelGrid) -> SortedPoints:
+        """Sort the nodes, `nodes_at` any depth, by the tree's cells and leaves."""
+        assert self.tree is not None
+        return self.tree.sort(nodes.points_m().reshape(-1, 3)) if self.planes else self._sorted
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
@@ -287,6 +267,12 @@ def node_cost(aperture: Aperture) -> float:
     of an array's exact sum, for one point, tone and channel."""
     antennas = [float(len(leg.position_m)) for leg in aperture.legs]
     return max(GRAMS * sum(n * min(n, DIRECT) ** 2 for n in antennas), SMALL_NODE)
+
+
+def planning_terms(where: SortedPoints, plan: TreePlan, aperture: Aperture) -> float:
+    """Return the cost of choosing tones and antennas for the cells and leaves that contain points.
+    Unit: one term of an array's exact sum, for one point, tone and channel."""
+    return (len(plan.leaves_in(where)) + len(where.leaf)) * node_cost(aperture)
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:

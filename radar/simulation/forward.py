@@ -16,9 +16,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions
-from handbench.radar.imaging.api import points_executor
+from handbench.radar.imaging.api import points_plan
 from handbench.radar.imaging.cpu.adjoint import FULL_SIGHT, PackedScatterers, Sight
-from handbench.radar.imaging.cpu.executor import CpuExecutor
+from handbench.radar.imaging.cpu.executor import echoes
 from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
 from handbench.support.errors import HandbenchError
@@ -99,12 +99,10 @@ def simulate(
                     family = family._replace(
                         tolerance=sight_tolerance, whole=False, beside=sight.beside
                     )
-            executor = points_executor(frequencies_hz, array, position[chosen], family, CpuExecutor)
-            where = executor.plan.sort(position[chosen])
+            plan = points_plan(frequencies_hz, array, position[chosen], family)
+            where = plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
-            samples += executor.echoes(
-                _source(part, where.points_m, spreading, pattern, whole), where
-            )
+            samples += echoes(plan, _source(part, where.points_m, spreading, pattern, whole), where)
     return samples
 
 

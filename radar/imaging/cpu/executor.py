@@ -25,76 +25,68 @@ VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cac
 ROWS = 16  # pixels along y of one piece of work
 
 
-class CpuExecutor:
-    """Computes images and echoes of points on the processor, by a plan of the geometry
-    (`TreePlan`).
-    """
+def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
+    """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the plan
+    keeps tones apart, else [1, points], the sum of all tones. The images are in the order before
+    sorting. samples: complex [f, t, r], or [f, n] of a scan."""
+    with one_blas_thread():
+        root = _down(planes(samples), plan.root_node, plan.top_node)
+    images = np.empty((len(samples) if plan.family.apart else 1, len(where.order)), np.complex64)
 
-    def __init__(self, plan: TreePlan) -> None:
-        self.plan = plan
-
-    def image(self, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
-        """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the
-        plan keeps tones apart, else [1, points], the sum of all tones. The images are in the order
-        before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
-        plan, order = self.plan, where.order
-        with one_blas_thread():
-            root = _down(planes(samples), plan.root_node, plan.top_node)
-        images = np.empty((len(samples) if plan.family.apart else 1, len(order)), np.complex64)
-
-        def work(cell: int) -> None:
-            node = plan.cell(cell)
-            below = _down(root, plan.top_node, node)
-            for leaf, start, stop in plan.leaves_in(cell, where):
-                image_leaf(
-                    below,
-                    node.turns_per_m,
-                    leaf.step,
-                    leaf.place,
-                    plan.passes,
-                    plan.reference_m,
-                    where.points_m,
-                    start,
-                    stop,
-                    images,
-                )
-
-        for_each(work, plan.touched(where))
-        unsorted = np.empty_like(images)
-        unsorted[:, order] = images
-        return unsorted
-
-    def echoes(self, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
-        """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t,
-        r], or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
-        plan, touched = self.plan, self.plan.touched(where)
-        parts: dict[int, np.ndarray] = {}
-
-        def work(cell: int) -> None:
-            node = plan.cell(cell)
-            shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
-            samples = np.zeros(shape, np.float32)
-            for leaf, start, stop in plan.leaves_in(cell, where):
-                samples += scatter(
-                    source,
-                    node.turns_per_m,
-                    leaf.step,
-                    leaf.place,
-                    plan.passes,
-                    plan.reference_m,
-                    start,
-                    stop,
-                )
-            parts[cell] = _up(samples, plan.top_node, node)
-
-        for_each(work, touched)
-        with one_blas_thread():  # parts are added in order: no result depends on the threads
-            samples = _up(
-                sum((parts[cell] for cell in touched), np.zeros((), np.float32)),
-                plan.root_node,
-                plan.top_node,
+    def work(group: tuple[int, list[tuple[int, int, int]]]) -> None:
+        node = plan.cell(group[0])
+        below = _down(root, plan.top_node, node)
+        for leaf, start, stop in group[1]:
+            image_leaf(
+                below,
+                node.turns_per_m,
+                plan.leaf(leaf).step,
+                plan.leaf(leaf).place,
+                plan.passes,
+                plan.reference_m,
+                where.points_m,
+                start,
+                stop,
+                images,
             )
-        return complex_samples(samples)
+
+    for_each(work, list(plan.leaves_in(where).items()))
+    unsorted = np.empty_like(images)
+    unsorted[:, where.order] = images
+    return unsorted
+
+
+def echoes(plan: TreePlan, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
+    """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t, r],
+    or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
+    groups = plan.leaves_in(where)
+    parts: dict[int, np.ndarray] = {}
+
+    def work(cell: int) -> None:
+        node = plan.cell(cell)
+        shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
+        samples = np.zeros(shape, np.float32)
+        for leaf, start, stop in groups[cell]:
+            samples += scatter(
+                source,
+                node.turns_per_m,
+                plan.leaf(leaf).step,
+                plan.leaf(leaf).place,
+                plan.passes,
+                plan.reference_m,
+                start,
+                stop,
+            )
+        parts[cell] = _up(samples, plan.top_node, node)
+
+    for_each(work, list(groups))
+    with one_blas_thread():  # parts are added in order: no result depends on the threads
+        samples = _up(
+            sum((parts[cell] for cell in groups), np.zeros((), np.float32)),
+            plan.root_node,
+            plan.top_node,
+        )
+    return complex_samples(samples)
 
 
 class ToneSkeleton:
@@ -139,89 +131,80 @@ class ToneSkeleton:
         )
 
 
-class CpuUpsampler:
-    """Interpolates images from the coarse nodes of a plan, complex [f or 1, nz, ny, nx], to all
-    voxels of its grid: as volumes, or only the strongest voxel along z of each pixel."""
+def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
+    """Interpolate images [f or 1, nz, ny, nx] at the nodes to all voxels of the plan's grid:
+    complex64 [f or 1, nz, ny, nx]. carrier: False leaves out the image's carrier, a fast phase that
+    is the same for all tones."""
+    grid, z_m = plan.grid, nodes.z_m if plan.planes else plan.grid.z_m
+    volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
 
-    def __init__(self, plan: GridPlan) -> None:
-        self.plan = plan
+    def keep(image: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+        if carrier:
+            volumes[image, :, rows] = restore_carrier(
+                re, im, grid.x_m, grid.y_m[rows], z_m, *plan.carrier
+            )
+        else:
+            volumes[image, :, rows].real, volumes[image, :, rows].imag = re, im
 
-    def volume(self, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
-        """Interpolate the images [f or 1, nz, ny, nx] at the nodes to all voxels: complex64 [f or
-        1, nz, ny, nx]. carrier: False leaves out the image's carrier, a fast phase that is the same
-        for all tones."""
-        grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
-        volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
+    _upsample(plan, nodes, images, keep)
+    return volumes
 
-        def keep(image: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-            if carrier:
-                volumes[image, :, rows] = restore_carrier(
-                    re, im, grid.x_m, grid.y_m[rows], z_m, *self.plan.carrier
-                )
-            else:
-                volumes[image, :, rows].real, volumes[image, :, rows].imag = re, im
 
-        self._upsample(nodes, images, keep)
-        return volumes
+def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
+    """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
+    at the nodes give by interpolation, without storing the volume."""
+    peaks = Peaks.empty(plan.grid.shape[1:], plan.family.tolerance * root_mean_square(images))
 
-    def project(self, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
-        """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny,
-        nx] at the nodes give by interpolation, without storing the volume."""
-        peaks = Peaks.empty(
-            self.plan.grid.shape[1:], self.plan.tolerance * root_mean_square(images)
+    def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
+        strongest(
+            re,
+            im,
+            peaks.index[rows],
+            peaks.magnitude[:, rows],
+            peaks.rival[rows],
+            peaks.second[rows],
         )
 
-        def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-            strongest(
-                re,
-                im,
-                peaks.index[rows],
-                peaks.magnitude[:, rows],
-                peaks.rival[rows],
-                peaks.second[rows],
+    _upsample(plan, nodes, images, keep)
+    return peaks
+
+
+def _upsample(
+    plan: GridPlan,
+    nodes: VoxelGrid,
+    images: np.ndarray,
+    keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
+) -> None:
+    """Interpolate the images at the nodes to all voxels, without the images' carrier, and pass the
+    result on in pieces: keep(image, rows, re, im) with the index of the image, a slice along y, and
+    real and imaginary parts [nz, rows, nx]."""
+    count, nz, ny, _ = images.shape
+    nx = len(plan.grid.x_m)
+    at_once = max(VOXELS // (nx * len(plan.z.weights)), 1)
+    most = max(ROWS, at_once)
+    along_x = np.empty((count, 2, nz, ny, nx), np.float32)
+
+    def widen(part: tuple[int, int, slice]) -> None:
+        image, z, rows = part
+        piece = images[image, z, rows]
+        envelope = np.empty((2, *piece.shape), np.float32)
+        take_carrier_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope)
+        along_x[image, :, z, rows] = envelope @ plan.x.weights.T
+
+    def heighten(part: tuple[int, int]) -> None:
+        image, first = part
+        block = np.matmul(plan.y.weights[first : first + most], along_x[image])
+        for start in range(0, block.shape[2], at_once):
+            piece = block[:, :, start : start + at_once]
+            re, im = (
+                (plan.z.weights @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
+                for plane in piece
             )
+            keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
 
-        self._upsample(nodes, images, keep)
-        return peaks
-
-    def _upsample(
-        self,
-        nodes: VoxelGrid,
-        images: np.ndarray,
-        keep: Callable[[int, slice, np.ndarray, np.ndarray], None],
-    ) -> None:
-        """Interpolate the images at the nodes to all voxels, without the images' carrier, and pass
-        the result on in pieces: keep(image, rows, re, im) with the index of the image, a slice
-        along y, and real and imaginary parts [nz, rows, nx]."""
-        plan, (count, nz, ny, _) = self.plan, images.shape
-        nx = len(plan.grid.x_m)
-        at_once = max(VOXELS // (nx * len(plan.z.weights)), 1)
-        most = max(ROWS, at_once)
-        along_x = np.empty((count, 2, nz, ny, nx), np.float32)
-
-        def widen(part: tuple[int, int, slice]) -> None:
-            image, z, rows = part
-            piece = images[image, z, rows]
-            envelope = np.empty((2, *piece.shape), np.float32)
-            take_carrier_out(
-                piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope
-            )
-            along_x[image, :, z, rows] = envelope @ plan.x.weights.T
-
-        def heighten(part: tuple[int, int]) -> None:
-            image, first = part
-            block = np.matmul(plan.y.weights[first : first + most], along_x[image])
-            for start in range(0, block.shape[2], at_once):
-                piece = block[:, :, start : start + at_once]
-                re, im = (
-                    (plan.z.weights @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
-                    for plane in piece
-                )
-                keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
-
-        halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
-        for_each(widen, list(product(range(count), range(nz), halves)))
-        for_each(heighten, list(product(range(count), range(0, len(plan.y.weights), most))))
+    halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
+    for_each(widen, list(product(range(count), range(nz), halves)))
+    for_each(heighten, list(product(range(count), range(0, len(plan.y.weights), most))))
 
 
 def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import ModuleType
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -92,155 +93,137 @@ def _kept_waves(points: DevicePoints) -> list[tuple[Array, Array]]:
     return list(points.waves())
 
 
-class GpuExecutor:
-    """Computes images of points on the current device, by a plan of the geometry (`TreePlan`)."""
-
-    def __init__(self, plan: TreePlan) -> None:
-        self.plan = plan
-        self._last: tuple[SortedPoints, DevicePoints] | None = None
-
-    def place(self, where: SortedPoints) -> DevicePoints:
-        """Copy points that the plan has sorted to the device, and group them into batches. If they
-        are the points of the last call, its result is returned again; if they are in the same
-        leaves, its groups."""
-        if self._last is None or self._last[0].order is not where.order:
-            self._last = where, self._grouped(where)
-        last, placed = self._last
-        if last.points_m is not where.points_m:
-            points_m = placed.xp.asarray(where.points_m)
-            self._last = where, (placed := replace(placed, points_m=points_m))
-        return placed
-
-    def _grouped(self, where: SortedPoints) -> DevicePoints:
-        xp, plan = array_module(), self.plan
-        cells = plan.touched(where)
-        in_cell = {}
-
-        def work(cell: int) -> None:
-            in_cell[cell] = list(plan.leaves_in(cell, where))
-
-        for_each(work, cells)
-        nodes = [plan.cell(cell) for cell in cells]
-        pieces = [piece for cell in cells for piece in in_cell[cell]]
-        leaves = [leaf for leaf, _, _ in pieces]
-        parent = np.repeat(np.arange(len(cells)), [len(in_cell[cell]) for cell in cells])
-        levels = [
-            level(xp, [plan.top_node], [plan.root_node], np.zeros(1, int)),
-            level(xp, nodes, [plan.top_node], np.zeros(len(nodes), int)),
-            level(xp, leaves, nodes, parent),
-        ]
-        antennas = leaf_antennas(xp, leaves, plan)
-        length = sum(length_m.shape[1] for _, length_m in antennas.legs)
-        point_bytes = length * (WAVE_BYTES * antennas.turns_per_m.shape[1] + PATH_BYTES)
-        starts, stops = np.array([piece[1:] for piece in pieces]).T
-        batches = [
-            Batch(*map(xp.asarray, batch))
-            for batch in _batches(where.order, starts, stops, point_bytes)
-        ]
-        points_m = xp.asarray(where.points_m)
-        return DevicePoints(xp, points_m, levels, antennas, plan.passes, batches)
-
-    def image(self, samples: np.ndarray, where: SortedPoints) -> Array:
-        """Image points that the plan has sorted: complex64 [f, points] on the device, one image per
-        tone, if the plan keeps tones apart, else [1, points], the sum of all tones. The images are
-        in the order before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
-        placed, apart = self.place(where), self.plan.family.apart
-        xp, count = placed.xp, placed.points_m.shape[1]
-        whole = samples.reshape(1, len(samples), samples.shape[1], -1)
-        below = xp.asarray(whole, dtype=np.complex64)
-        for boxes in placed.levels:
-            below = descend(xp, boxes, below)
-        images = xp.empty((len(samples) if apart else 1, count + 1), np.complex64)
-        kept = placed.wave_bytes <= KEPT_BYTES
-        of_batches = _kept_waves(placed) if kept else placed.waves()
-        for batch, (wave_a, wave_b) in zip(placed.batches, of_batches, strict=True):
-            received = xp.matmul(below[batch.leaf].swapaxes(2, 3), wave_a)
-            received *= wave_b
-            tones = received.sum(axis=2)
-            images[:, batch.target] = tones.swapaxes(0, 1) if apart else tones.sum(axis=1)[None]
-        return images[:, :-1]
+_last: WeakKeyDictionary[TreePlan, tuple[SortedPoints, DevicePoints]] = WeakKeyDictionary()
 
 
-class GpuUpsampler:
-    """Interpolates images from the coarse nodes of a plan, complex [f or 1, nz, ny, nx], to all
-    voxels of its grid on the current device: as volumes, or only the strongest voxel along z of
-    each pixel."""
+def _placed(plan: TreePlan, where: SortedPoints) -> DevicePoints:
+    """Copy points that the plan has sorted to the device, and group them into batches. If they are
+    the plan's last points, the result is returned again; if they are in the same leaves, its
+    groups."""
+    last, placed = _last.get(plan, (None, None))
+    if last is None or placed is None or not _same_groups(last, where):
+        placed = _grouped(plan, where)
+    elif last.points_m is not where.points_m:
+        placed = replace(placed, points_m=placed.xp.asarray(where.points_m))
+    _last[plan] = where, placed
+    return placed
 
-    def __init__(self, plan: GridPlan) -> None:
-        self.plan, self._xp = plan, array_module()
-        axes = (plan.x, plan.y, plan.z)
-        self._x, self._y, self._z = (self._xp.asarray(axis.weights) for axis in axes)
 
-    def volume(self, nodes: VoxelGrid, images: Array, carrier: bool) -> np.ndarray:
-        """Interpolate the images [f or 1, nz, ny, nx] at the nodes, on the device, to all voxels:
-        complex64 [f or 1, nz, ny, nx]. carrier: False leaves out the image's carrier, a fast phase
-        that is the same for all tones."""
-        grid, z_m = self.plan.grid, nodes.z_m if self.plan.planes else self.plan.grid.z_m
-        volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
-        for image, volume in zip(images, volumes, strict=True):
-            for rows, voxels in self._upsampled(nodes, image):
-                if carrier:
-                    voxels *= self.plan.carrier_at(
-                        VoxelGrid(grid.x_m, grid.y_m[rows], z_m), self._xp
-                    )
-                volume[:, rows] = to_host(voxels)
-        return volumes
+def _same_groups(first: SortedPoints, second: SortedPoints) -> bool:
+    names = ("order", "leaf", "starts")
+    return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)
 
-    def project(self, nodes: VoxelGrid, images: Array) -> Peaks:
-        """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny,
-        nx] at the nodes, on the device, give by interpolation, without storing the volume."""
-        xp = self._xp
-        error = self.plan.tolerance * root_mean_square(to_host(images))
-        peaks = Peaks.empty(self.plan.grid.shape[1:], error)
-        for rows, voxels in self._upsampled(nodes, images[0]):
-            power = _power(voxels)
-            found, last = power.argmax(axis=0), len(power) - 1
-            around = xp.stack([found - 1, found, found + 1])
-            near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
-            near[(around < 0) | (around > last)] = np.nan
-            power[xp.arange(last + 1)[:, None, None] == found] = -1
-            rival, second = power.argmax(axis=0), power.max(axis=0)
-            none = second < 0
-            rival[none] = -1
-            second = xp.sqrt(abs(second))
-            second[none] = -1
-            peaks.index[rows], peaks.rival[rows] = to_host(xp.stack([found, rival]))
-            peaks.magnitude[:, rows], peaks.second[rows] = to_host(near), to_host(second)
-        return peaks
 
-    def _upsampled(self, nodes: VoxelGrid, image: Array) -> Iterator[tuple[slice, Array]]:
-        """Interpolate an image [nz, ny, nx] at the nodes to all voxels, without its carrier, and
-        yield the result in pieces: (slice along y, complex64 [nz, rows, nx])."""
-        xp = self._xp
-        envelope = image * self.plan.carrier_at(nodes, xp).conj()
-        along_x = xp.matmul(xp.stack([envelope.real, envelope.imag]), self._x.T)
-        # real and imaginary parts in turn, as in memory: the weights are real
-        along_x = xp.ascontiguousarray(along_x.transpose(1, 2, 3, 0))
-        along_x = along_x.reshape(*envelope.shape[:2], -1)
-        most = max(BLOCK_BYTES // (VOXEL_BYTES * len(self._z) * len(self._x)), 1)
-        for first in range(0, len(self._y), most):
-            block = xp.matmul(self._y[first : first + most], along_x)
-            voxels = xp.matmul(self._z, block.reshape(len(block), -1))
-            rows = slice(first, first + block.shape[1])
-            yield rows, voxels.reshape(-1, *block.shape[1:]).view(np.complex64)
+def _grouped(plan: TreePlan, where: SortedPoints) -> DevicePoints:
+    xp = array_module()
+    groups = plan.leaves_in(where)
+    for_each(lambda cell: [plan.leaf(leaf) for leaf, _, _ in groups[cell]], list(groups))
+    cells, leaves = (
+        [plan.cell(cell) for cell in groups],
+        [plan.leaf(i) for i in where.leaf.tolist()],
+    )
+    parent = np.repeat(np.arange(len(cells)), [len(group) for group in groups.values()])
+    levels = [
+        level(xp, [plan.top_node], [plan.root_node], np.zeros(1, int)),
+        level(xp, cells, [plan.top_node], np.zeros(len(cells), int)),
+        level(xp, leaves, cells, parent),
+    ]
+    antennas = leaf_antennas(xp, leaves, plan)
+    length = sum(length_m.shape[1] for _, length_m in antennas.legs)
+    point_bytes = length * (WAVE_BYTES * antennas.turns_per_m.shape[1] + PATH_BYTES)
+    batches = [Batch(*map(xp.asarray, batch)) for batch in _batches(where, point_bytes)]
+    return DevicePoints(xp, xp.asarray(where.points_m), levels, antennas, plan.passes, batches)
+
+
+def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> Array:
+    """Image points that the plan has sorted: complex64 [f, points] on the device, one image per
+    tone, if the plan keeps tones apart, else [1, points], the sum of all tones. The images are in
+    the order before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
+    placed, apart = _placed(plan, where), plan.family.apart
+    xp, count = placed.xp, placed.points_m.shape[1]
+    whole = samples.reshape(1, len(samples), samples.shape[1], -1)
+    below = xp.asarray(whole, dtype=np.complex64)
+    for boxes in placed.levels:
+        below = descend(xp, boxes, below)
+    images = xp.empty((len(samples) if apart else 1, count + 1), np.complex64)
+    kept = placed.wave_bytes <= KEPT_BYTES
+    of_batches = _kept_waves(placed) if kept else placed.waves()
+    for batch, (wave_a, wave_b) in zip(placed.batches, of_batches, strict=True):
+        received = xp.matmul(below[batch.leaf].swapaxes(2, 3), wave_a)
+        received *= wave_b
+        tones = received.sum(axis=2)
+        images[:, batch.target] = tones.swapaxes(0, 1) if apart else tones.sum(axis=1)[None]
+    return images[:, :-1]
+
+
+def volume(plan: GridPlan, nodes: VoxelGrid, images: Array, carrier: bool) -> np.ndarray:
+    """Interpolate images [f or 1, nz, ny, nx] at the nodes, on the device, to all voxels of the
+    plan's grid: complex64 [f or 1, nz, ny, nx]. carrier: False leaves out the image's carrier, a
+    fast phase that is the same for all tones."""
+    grid, z_m = plan.grid, nodes.z_m if plan.planes else plan.grid.z_m
+    volumes = np.empty((len(images), len(z_m), *grid.shape[1:]), np.complex64)
+    for of_nodes, of_grid in zip(images, volumes, strict=True):
+        for rows, voxels in _upsampled(plan, nodes, of_nodes):
+            if carrier:
+                here = VoxelGrid(grid.x_m, grid.y_m[rows], z_m)
+                voxels *= plan.carrier_at(here, array_module())
+            of_grid[:, rows] = to_host(voxels)
+    return volumes
+
+
+def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> Peaks:
+    """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
+    at the nodes, on the device, give by interpolation, without storing the volume."""
+    xp = array_module()
+    error = plan.family.tolerance * root_mean_square(to_host(images))
+    peaks = Peaks.empty(plan.grid.shape[1:], error)
+    for rows, voxels in _upsampled(plan, nodes, images[0]):
+        power = _power(voxels)
+        found, last = power.argmax(axis=0), len(power) - 1
+        around = xp.stack([found - 1, found, found + 1])
+        near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+        near[(around < 0) | (around > last)] = np.nan
+        power[xp.arange(last + 1)[:, None, None] == found] = -1
+        rival, second = power.argmax(axis=0), power.max(axis=0)
+        none = second < 0
+        rival[none] = -1
+        second = xp.sqrt(abs(second))
+        second[none] = -1
+        peaks.index[rows], peaks.rival[rows] = to_host(xp.stack([found, rival]))
+        peaks.magnitude[:, rows], peaks.second[rows] = to_host(near), to_host(second)
+    return peaks
+
+
+def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple[slice, Array]]:
+    """Interpolate an image [nz, ny, nx] at the nodes to all voxels, without its carrier, and yield
+    the result in pieces: (slice along y, complex64 [nz, rows, nx])."""
+    xp = array_module()
+    of_x, of_y, of_z = (xp.asarray(axis.weights) for axis in (plan.x, plan.y, plan.z))
+    envelope = image * plan.carrier_at(nodes, xp).conj()
+    along_x = xp.matmul(xp.stack([envelope.real, envelope.imag]), of_x.T)
+    # real and imaginary parts in turn, as in memory: the weights are real
+    along_x = xp.ascontiguousarray(along_x.transpose(1, 2, 3, 0))
+    along_x = along_x.reshape(*envelope.shape[:2], -1)
+    most = max(BLOCK_BYTES // (VOXEL_BYTES * len(of_z) * len(of_x)), 1)
+    for first in range(0, len(of_y), most):
+        block = xp.matmul(of_y[first : first + most], along_x)
+        voxels = xp.matmul(of_z, block.reshape(len(block), -1))
+        rows = slice(first, first + block.shape[1])
+        yield rows, voxels.reshape(-1, *block.shape[1:]).view(np.complex64)
 
 
 def _power(image: Array) -> Array:
     return image.real**2 + image.imag**2
 
 
-def _batches(
-    order: np.ndarray, starts: np.ndarray, stops: np.ndarray, point_bytes: int
-) -> Iterator[Batch]:
+def _batches(where: SortedPoints, point_bytes: int) -> Iterator[Batch]:
     """Group the points of leaves into batches of pieces, as numpy arrays, the largest pieces first.
     The pieces of a batch have similar sizes, so that few copies of a piece's last point are needed
     to fill them up to equal size.
 
-    order [n]: indices of the sorted points before sorting; starts, stops [leaves]: where the points
-    of each leaf begin and end; point_bytes: memory needed per point, which limits the size of a
-    batch.
+    point_bytes: memory needed per point, which limits the size of a batch.
     """
-    counts = stops - starts
+    starts, order, counts = where.starts, where.order, np.diff(where.starts)
     pieces = -(-counts // PIECE)
     leaf = np.repeat(np.arange(len(counts)), pieces)
     # among the pieces of its leaf
