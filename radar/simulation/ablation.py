@@ -9,7 +9,6 @@ from handbench.radar.data.grid import Axis
 from handbench.radar.methods.fsk import fsk
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.simulation.scene import Choice, EchoScene
-from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 
 TOLERANCE = 1e-3  # of samples and images, well below the error of the coarse surfaces
@@ -62,7 +61,7 @@ def _changes(
 
 def _box(scene: EchoScene) -> tuple[Axis, Axis, float]:
     """Return the axes x and y of a map around the target's facets and balls, and their mean z."""
-    points_m = bare_echoes(scene).points_m
+    points_m = scene.points_m
     low_m = points_m.min(axis=0) - MARGIN_M
     size_m = points_m.max(axis=0) + MARGIN_M - low_m
     step_m = float(np.clip(np.sqrt(size_m[0] * size_m[1] / PIXELS), *STEP_M))

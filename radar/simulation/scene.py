@@ -124,11 +124,10 @@ class EchoScene:
         return self.coarser * SPEED_OF_LIGHT_M_S / float(self.frequencies_hz.max())
 
     @property
-    def middle_m(self) -> np.ndarray:
-        """The mean [3] of the centres of the target and of its balls, metres."""
-        middles = [ball.centre_m for ball in self.balls]
-        middles += [] if self.target is None else [self.target.vertices_m.mean(axis=0)]
-        return np.mean(middles, axis=0)
+    def points_m(self) -> np.ndarray:
+        """The vertices of the target and the centres of the balls [n, 3], metres."""
+        surface = [] if self.target is None else [self.target.vertices_m]
+        return np.concatenate([*surface, *(ball.centre_m[None] for ball in self.balls)])
 
     def seeds(self, effect: str, *keys: int) -> tuple[int, ...]:
         """Return the seed of an effect's random numbers. It depends only on the scene's seed, the

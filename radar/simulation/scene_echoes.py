@@ -79,6 +79,13 @@ class Echoes:
         effect(self)
         self.shaping += (effect,)
 
+    def of(self, scene: EchoScene) -> "Echoes":
+        """Return the echoes of another scene, shaped by the same effects."""
+        echoes = bare_echoes(scene, tolerance=self.tolerance)
+        for effect in self.shaping:
+            echoes.shape(effect)
+        return echoes
+
     def frame_seeds(self, effect: str) -> list[tuple[int, ...]]:
         """Return the seed of an effect's random numbers in each frame."""
         keys = [(0, frame) for frame in range(self.frames)] + [(1, 0)] * self.empty

@@ -13,11 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.movement import frame_starts, scene_at
 from handbench.radar.simulation.physics.facets import Facets, unit
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
+from handbench.radar.simulation.scene_echoes import Echoes
 
 MOMENT_M = 2e-3  # motion of a surface's fastest point after which its shadows are computed anew
 
@@ -31,29 +32,14 @@ def motion(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
             now = scene_at(scene, start.after(float(scene.time_s[tone])))
             if _distance_m(moment.scene, now) > MOMENT_M:
                 near = _distance_m(scene, now) <= MOMENT_M
-                moment = echoes if near else _moment(echoes, now)
+                moment = echoes if near else echoes.of(now)
             moving[frame, tone] = _moved_echo(moment, now, [int(tone)])[0]
     return moving
 
 
-def _moment(echoes: Echoes, now: EchoScene) -> Echoes:
-    """Return the echoes of the scene `now`, shaped by the same effects."""
-    moment = bare_echoes(now, tolerance=echoes.tolerance)
-    for effect in echoes.shaping:
-        moment.shape(effect)
-    return moment
-
-
 def _distance_m(scene: EchoScene, other: EchoScene) -> float:
     """Return by how much the fastest point of the target differs between two scenes."""
-    away_m = _points_m(other) - _points_m(scene)
-    return float(np.linalg.norm(away_m, axis=1).max())
-
-
-def _points_m(scene: EchoScene) -> np.ndarray:
-    """Return the vertices of the target and the balls' centres [n, 3]."""
-    surface = [] if scene.target is None else [scene.target.vertices_m]
-    return np.concatenate([*surface, *(ball.centre_m[None] for ball in scene.balls)])
+    return float(np.linalg.norm(other.points_m - scene.points_m, axis=1).max())
 
 
 def _moved_echo(moment: Echoes, now: EchoScene, tones: list[int]) -> np.ndarray:
@@ -66,17 +52,11 @@ def _moved_echo(moment: Echoes, now: EchoScene, tones: list[int]) -> np.ndarray:
     moved = replace(moment, scene=now, surface=surface)
     samples = moved.sums(tones)
     if moment.bounced is not None:
-        longer_m = _path_m(moved) - _path_m(moment)
-        turns = phasor(longer_m, now.frequencies_hz[tones][:, None, None], -1)
+        middles_m = (state.points_m.mean(axis=0) for state in (moment, moved))
+        before_m, after_m = (path_lengths(moment.array, middle_m) for middle_m in middles_m)
+        turns = phasor(after_m - before_m, now.frequencies_hz[tones][:, None, None], -1)
         samples += moment.bounced[tones] * turns
     return samples
-
-
-def _path_m(echoes: Echoes) -> np.ndarray:
-    """Return the path of each channel by way of the mean of the target's points: [t, r]."""
-    middle_m = echoes.points_m.mean(axis=0)
-    tx_m, rx_m = (leg.lengths_m(middle_m) for leg in echoes.array.legs)
-    return tx_m[:, None] + rx_m
 
 
 def moved_facets(facets: Facets, before: Body, after: Body) -> Facets:

@@ -35,22 +35,15 @@ def pattern(echoes: Echoes) -> None:
 
 
 def coupling(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
-    """Add a direct wave (leakage) from each transmitter to each receiver. Its amplitude falls with
-    their distance; its mean power is set relative to that of the target's samples."""
-    target = samples[: echoes.frames]
-    level = echoes.scene.causes.coupling.amplitude * float(
-        np.linalg.norm(target) / np.sqrt(target.size)
-    )
-    return samples + level * direct_wave(echoes.array, echoes.scene.frequencies_hz)
-
-
-def direct_wave(array: AntennaArray, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the direct wave from transmitters t to receivers r, exp(−j2πf|t − r|/c)/|t − r|,
-    scaled to a mean power of 1: complex64 [f, t, r]."""
+    """Add a direct wave (leakage) from each transmitter t to each receiver r, exp(−j2πf|t −
+    r|/c)/|t − r|. Its mean power is set relative to that of the target's samples."""
+    scene, array, target = echoes.scene, echoes.array, samples[: echoes.frames]
+    level = scene.causes.coupling.amplitude * np.linalg.norm(target) / np.sqrt(target.size)
     distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
     gain = 1 / np.maximum(distance_m, 1e-3)  # a transceiver's own leakage is not infinite
     gain /= np.sqrt(np.mean(gain**2))
-    return np.stack([gain * phasor(distance_m, f, -1) for f in frequencies_hz]).astype(np.complex64)
+    wave = gain * phasor(distance_m, scene.frequencies_hz[:, None, None], -1)
+    return samples + np.float32(level) * wave.astype(np.complex64)
 
 
 def channels(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
@@ -95,12 +88,11 @@ def oscillator(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     Transmitters send one after another, so the phases differ between tones and transmitters and are
     the same for all receivers. An image averages them over T transmitters, which leaves σ/√T.
     """
-    delay_s = 2 * float(np.linalg.norm(echoes.scene.middle_m)) / SPEED_OF_LIGHT_M_S
+    middle_m = echoes.scene.points_m.mean(axis=0)
+    delay_s = 2 * float(np.linalg.norm(middle_m)) / SPEED_OF_LIGHT_M_S
     sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)
-    shape = (len(echoes.scene.frequencies_hz), len(echoes.scene.array.tx_m), 1)
-    turns = np.stack(
-        [generator(seed).standard_normal(shape) for seed in echoes.frame_seeds("oscillator")]
-    )
+    shape, seeds = (*samples.shape[1:3], 1), echoes.frame_seeds("oscillator")
+    turns = np.stack([generator(seed).standard_normal(shape) for seed in seeds])
     return (samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64)
 
 
