@@ -9,7 +9,7 @@ from scipy.special import sici
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.exact import exact_images
 from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.simulation.causes import Converter, Oscillator
+from handbench.radar.simulation.causes import Oscillator
 from handbench.radar.simulation.scene import generator
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.errors import HandbenchError
@@ -164,27 +164,14 @@ def thermal_noise(
 
 
 def converter(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
-    """Round both quadratures to the converter's steps and clip them at its full scale."""
+    """Round both quadratures to the middles of 2^bits equal steps over ±full scale, and clip what
+    exceeds it. Full scale is the largest quadrature of the samples, raised by the headroom."""
     causes = echoes.scene.causes.converter
-    return quantise(samples, causes, full_scale(samples[: echoes.frames], causes))
-
-
-def full_scale(samples: np.ndarray, converter: Converter) -> float:
-    """Return the largest value of a quadrature that the converter can represent: the largest value
-    in the samples, raised by the headroom."""
-    largest = max(np.abs(samples.real).max(), np.abs(samples.imag).max())
-    return float(largest * 10 ** (converter.headroom_db / 20))
-
-
-def quantise(samples: np.ndarray, converter: Converter, scale: float) -> np.ndarray:
-    """Round both quadratures of the samples to the middles of 2^bits equal steps over ±scale, and
-    clip what exceeds ±scale: complex64 of the same shape. If `bits` is None or the scale is 0, the
-    samples are returned unchanged."""
-    if scale == 0 or converter.bits is None:
+    parts = np.ascontiguousarray(samples).view(np.float32)
+    scale = float(np.abs(parts[: echoes.frames]).max() * 10 ** (causes.headroom_db / 20))
+    if scale == 0:
         return samples
-    step = 2 * scale / 2**converter.bits
-    parts = np.ascontiguousarray(samples).view(np.float32).astype(np.float64)
-    middle = (np.floor(parts / step) + 0.5) * step
-    return (
-        np.clip(middle, -scale + step / 2, scale - step / 2).astype(np.float32).view(np.complex64)
-    )
+    step = 2 * scale / 2 ** (causes.bits or 0)
+    middles = (np.floor(parts.astype(np.float64) / step) + 0.5) * step
+    clipped = np.clip(middles, -scale + step / 2, scale - step / 2)
+    return clipped.astype(np.float32).view(np.complex64)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from handbench.radar.simulation.causes import Converter, Noise, Oscillator
-from handbench.radar.simulation.effects.sensor import full_scale, phase_rad, quantise
+from handbench.radar.simulation.causes import Noise, Oscillator
+from handbench.radar.simulation.effects.sensor import converter, phase_rad
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.errors import HandbenchError
 from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
@@ -113,17 +114,17 @@ def test_coupling_has_its_level_and_the_direct_path():
 
 
 def test_quantisation_is_white_noise_of_a_twelfth_of_a_step_squared():
-    generator = np.random.default_rng(1)
-    parts = generator.standard_normal((2, 2, 100, 100))
+    parts = np.random.default_rng(1).standard_normal((2, 1, 2, 100, 100))
     samples = (parts[0] + 1j * parts[1]).astype(np.complex64)
-    error = quantise(samples, Converter(bits=8), 6.0) - samples
-    step = 12 / 256
-    assert np.abs(error.real).max() <= step / 2 * 1.001
-    assert np.mean(np.abs(error) ** 2) == pytest.approx(2 * step**2 / 12, rel=0.02)
-    clipped = quantise(10 * samples, Converter(bits=8), 6.0)
-    assert np.abs(clipped.real).max() < 6
-    far = full_scale(np.array([1 - 3j, 2 + 2j]), Converter(bits=8, headroom_db=20.0))
-    assert far == pytest.approx(30)
+    largest = np.abs(samples.view(np.float32)).max()
+    for headroom_db, full_scale in ((20.0, 10 * largest), (-20.0, 0.1 * largest)):
+        scene = bead_scene({"converter": {"bits": 8, "headroom_db": headroom_db}})
+        rounded = converter(bare_echoes(scene), samples)
+        error, step = rounded - samples, 2 * full_scale / 256
+        whole = np.abs(samples) < full_scale
+        assert np.abs(error.real[whole]).max() <= step / 2 * 1.001
+        assert np.mean(np.abs(error[whole]) ** 2) == pytest.approx(2 * step**2 / 12, rel=0.05)
+        assert np.abs(rounded.view(np.float32)).max() < full_scale
 
 
 def test_the_empty_room_has_the_same_sensor_and_other_noise():
