@@ -29,9 +29,10 @@ from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.device import describe
 from handbench.radar.methods.fsk_config import ThreeToneConfig
 from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.simulation.effects.target_surface import shadow_centre
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.simulation.scene_echoes import bare_echoes
+from handbench.radar.simulation.physics.line_of_sight import rays_of
+from handbench.radar.simulation.scene import CENTRE_M
+from handbench.radar.simulation.scene_echoes import front_facets
 from handbench.radar.warmup import compile_kernels
 from handbench.support.cost import machine
 from handbench.support.files import write_json
@@ -58,12 +59,12 @@ class EngineCase:
 
 
 def hand() -> Scatterers:
-    """Return the facets of a hand in the pose of the letter F that the array sees."""
+    """Return the facets of a hand in the pose of the letter F that the centre of the array sees."""
     scene = build(SceneFile(version=1, name="F", target={"kind": "hand", "pose": "F"}))
-    echoes = bare_echoes(echo_scene(scene))
-    shadow_centre(echoes)
-    assert echoes.surface is not None  # a hand has one
-    return echoes.surface.facets.optics
+    radar_scene = echo_scene(scene)
+    facets = front_facets(radar_scene, radar_scene.body)
+    rays = rays_of(radar_scene, radar_scene.body)
+    return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
 
 
 def cases(

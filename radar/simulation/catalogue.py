@@ -78,10 +78,10 @@ SHAPING: tuple[Effect, ...] = (
     Effect(
         "shadow",
         "shadows of each antenna, blurred by diffraction",
-        "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962; waves that creep: Pathak 1979",
+        "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962",
         PARTS,
         _hides,
-        target_surface.shadow_diffraction,
+        target_surface.shadow,
     ),
     Effect(
         "skin",

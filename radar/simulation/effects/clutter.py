@@ -8,21 +8,20 @@ import numpy as np
 
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.reflection import body_reflection
-from handbench.radar.simulation.physics.sight import samples_of, sight_of
+from handbench.radar.simulation.physics.shadows import sight_of
 from handbench.radar.simulation.scene import CENTRE_M, Body
 from handbench.radar.simulation.scene_echoes import Echoes, front_facets
 from handbench.support.rays import Rays
 
-LONGEST = 0.5  # edge of facets with diffracted shadows, wavelengths
-NODES_M = 0.03  # between the antennas for which the diffraction is computed
-SAMPLES_M = 8e-3  # between the points of the room for which it is
+LONGEST = 0.5  # edge of facets behind the target, wavelengths
+NODES_M = 0.03  # between the antennas of a line for which the target's shadow is computed
 
 
 def clutter(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add the echoes of the room's bodies, which do not move with the target, by physical optics.
 
-    Facets that the target hides from the aperture's centre are left out; if shadows are diffracted,
-    each antenna has its own blurred shadow of the target instead. Waves that meet both target and
+    Facets that are hidden from the aperture's centre are left out; with the effect "shadow", each
+    antenna has its own blurred shadow of the target instead. Waves that meet both target and
     room are not simulated.
     """
     rooms = np.concatenate([room_echoes(echoes, echoes.scene.target)[None]] * echoes.frames)
@@ -50,7 +49,7 @@ def _seen_behind(echoes: Echoes, target: Body | None, rays: Rays, body: Body) ->
     """Return as scatterers the facets of a body of the room that the target does not hide from the
     aperture's centre.
 
-    If shadows are diffracted, the facets are coarser, and each has the complex factors by which the
+    With the effect "shadow", the facets are coarser, and each has the complex factors by which the
     target changes the fields of the antennas there.
     """
     scene, surface = echoes.scene, echoes.surface
@@ -58,9 +57,8 @@ def _seen_behind(echoes: Echoes, target: Body | None, rays: Rays, body: Body) ->
         facets = front_facets(scene, body)
         return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
     facets = front_facets(scene, body, LONGEST)
-    points = samples_of(body, facets, SAMPLES_M)
-    sight, some = sight_of(scene, target, points, rays, echoes.array, NODES_M)
-    return replace(facets.optics, sight=sight).where(some)
+    sight, reached = sight_of(scene, target, body, facets, rays, echoes.array, NODES_M)
+    return replace(facets.optics, sight=sight).where(reached)
 
 
 def _rays(bodies: list[Body]) -> Rays:

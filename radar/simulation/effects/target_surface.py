@@ -14,13 +14,14 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.physics.facets import Facets, face_vectors
-from handbench.radar.simulation.physics.line_of_sight import facets_in_sight, rays_of
+from handbench.radar.simulation.physics.facets import Facets
+from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
-from handbench.radar.simulation.physics.sight import NODES_M, samples_of, sight_of
-from handbench.radar.simulation.scene import CENTRE_M, Body, EchoScene, generator
-from handbench.radar.simulation.scene_echoes import Echoes, front_facets
+from handbench.radar.simulation.physics.shadows import sight_of
+from handbench.radar.simulation.scene import Body, EchoScene, generator
+from handbench.radar.simulation.scene_echoes import Echoes
 
+NODES_M = 0.02  # between the antennas of a line for which shadows are computed
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an equilateral triangle's points along an axis over its area: 1/(6√3)
 
@@ -32,50 +33,16 @@ def obliquity(echoes: Echoes) -> None:
         echoes.surface = replace(echoes.surface, oblique=True)
 
 
-def shadow_centre(echoes: Echoes) -> None:
-    """Leave out the facets that face away from the aperture's centre or are hidden from it."""
+def shadow(echoes: Echoes) -> None:
+    """Weaken and turn the field of each antenna at the facets by the outlines of the body (see
+    `physics.shadows`). Facets that no transmitter or no receiver reaches are left out. The shadows
+    of multiple bounces are sharp."""
     if echoes.surface is None:
         return
-    facets, body = echoes.surface.facets, echoes.surface.body
-    corners_m = body.vertices_m[body.faces[facets.face, 0]]
-    front = (face_vectors(body.vertices_m, body.faces[facets.face]) * (CENTRE_M - corners_m)).sum(
-        axis=1
-    ) > 0
-    front[front] = rays_of(echoes.scene, body).in_sight(facets.position_m[front], CENTRE_M)
-    echoes.surface = echoes.surface.where(front)
-
-
-def shadow_antennas(echoes: Echoes) -> None:
-    """Compute for each antenna which facets it sees, with sharp shadows. Facets that no transmitter
-    or no receiver sees are left out."""
-    if echoes.surface is None:
-        return
-    body, array = echoes.surface.body, echoes.array
-    # all facets again: others may see what the centre does not
-    facets = front_facets(echoes.scene, body)
-    antennas_m = np.concatenate([array.tx_m, array.rx_m])
-    seen = facets_in_sight(rays_of(echoes.scene, body), body, facets, antennas_m)
-    tx, rx = np.split(seen, [len(array.tx_m)])
-    surface = replace(echoes.surface, facets=facets, seen=(tx, rx))
-    echoes.surface = surface.where(np.asarray(tx.any(axis=0) & rx.any(axis=0)))
-
-
-def shadow_diffraction(echoes: Echoes) -> None:
-    """Blur each antenna's shadows by diffraction: by waves that bend around outlines, and by waves
-    that creep around round edges, which depend on polarisation.
-
-    Left out are diffraction at two edges, change of polarisation, and bends by more than some 40°;
-    shadows of multiple bounces stay sharp.
-    """
-    if echoes.surface is None:
-        return
-    scene, body = echoes.scene, echoes.surface.body
-    facets = front_facets(scene, body)
-    sight, some = sight_of(
-        scene, body, samples_of(body, facets), rays_of(scene, body), echoes.array, NODES_M
-    )
-    surface = replace(echoes.surface, facets=facets, seen=None, sight=sight)
-    echoes.surface = surface.where(some)
+    scene, body, facets = echoes.scene, echoes.surface.body, echoes.surface.facets
+    rays = rays_of(scene, body)
+    sight, reached = sight_of(scene, body, body, facets, rays, echoes.array, NODES_M)
+    echoes.surface = replace(echoes.surface, sight=sight).where(reached)
 
 
 def skin(echoes: Echoes) -> None:

@@ -22,13 +22,15 @@ class Facets:
     """The surface of a body as p small flat pieces.
 
     position_m [p, 3]: centres; area_m2 [p]; normal [p, 3]: outward unit vectors, interpolated
-    between the mesh's vertices; face [p]: index of the mesh's face that each facet is a part of.
+    between the mesh's vertices; face [p]: index of the mesh's face that each facet is a part of;
+    share [p, 3]: barycentric coordinates of the centre between this face's corners.
     """
 
     position_m: np.ndarray
     area_m2: np.ndarray
     normal: np.ndarray
     face: np.ndarray
+    share: np.ndarray
 
     def __len__(self) -> int:
         return len(self.area_m2)
@@ -40,9 +42,7 @@ class Facets:
 
     def where(self, chosen: np.ndarray) -> Facets:
         """Return the facets that a mask [p] or indices `chosen` select."""
-        return Facets(
-            self.position_m[chosen], self.area_m2[chosen], self.normal[chosen], self.face[chosen]
-        )
+        return Facets(*(values[chosen] for values in vars(self).values()))
 
 
 def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
@@ -116,7 +116,8 @@ def _split(
     position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
     normal = unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
     area = np.repeat(area_m2[chosen] / len(centres), len(centres))
-    return Facets(position, area, normal, np.repeat(face[chosen], len(centres)))
+    share = np.tile(centres, (len(corners[chosen]), 1))
+    return Facets(position, area, normal, np.repeat(face[chosen], len(centres)), share)
 
 
 def _centres(splits: int) -> np.ndarray:

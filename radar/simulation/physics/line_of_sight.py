@@ -1,10 +1,4 @@
-"""Line of sight between antennas and the facets of a body.
-
-Rays are cast to the vertices of the mesh, first from few antennas: where two antennas of a line
-agree, those between them are assumed to agree. Faces whose corners disagree, and coarse faces, are
-then tested facet by facet. Only obstacles are missed that are narrower than a fine face, or so thin
-that their shadow on the array is narrower than the distance of the first antennas.
-"""
+"""Line of sight between antennas and points, and the choice of few antennas of each line."""
 
 from __future__ import annotations
 
@@ -12,41 +6,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from handbench.radar.simulation.physics.facets import Facets, face_vectors
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.support.compiled import njit
 from handbench.support.rays import Rays
 
 # distance of the first antennas: the shadow of an object 2 mm wide, a tenth of the range before the
 # skin
 STRIDE_M = 0.02
-COARSE = 16  # a face with more facets is tested per facet
 
 
 def rays_of(scene: EchoScene, body: Body) -> Rays:
     """Return the ray caster of a body's mesh, built once per scene."""
     return scene.cached(("rays", id(body)), lambda: Rays(body.vertices_m, body.faces))
-
-
-def facets_in_sight(rays: Rays, body: Body, facets: Facets, antennas_m: np.ndarray) -> np.ndarray:
-    """Return a boolean mask [a, p], True for the facets that each antenna sees: their face is
-    turned towards the antenna, and nothing is in between. rays: ray caster of the obstacles."""
-    faces, place, parts = np.unique(facets.face, return_inverse=True, return_counts=True)
-    used, corners = np.unique(body.faces[faces], return_inverse=True)
-    clear = points_in_sight(rays, body.vertices_m[used], antennas_m)
-    vectors = face_vectors(body.vertices_m, body.faces[faces])
-    offset = (vectors * body.vertices_m[body.faces[faces, 0]]).sum(axis=1)
-    coarse = np.flatnonzero((parts > COARSE)[place])
-    seen = np.empty((len(antennas_m), len(facets)), bool)
-    for row, antenna, corner in zip(seen, antennas_m, clear, strict=True):
-        front = vectors @ antenna > offset
-        count = _corners_in_sight(corner, corners.reshape(-1, 3))
-        row[:] = (front & (count == 3))[place]
-        mixed = np.flatnonzero((front & (parts <= COARSE) & (count % 3 > 0))[place])
-        row[mixed] = rays.in_sight(facets.position_m[mixed], antenna)
-        row[coarse] = front[place[coarse]]
-    seen[:, coarse] &= points_in_sight(rays, facets.position_m[coarse], antennas_m)
-    return seen
 
 
 def points_in_sight(
@@ -99,14 +69,3 @@ def nodes(antennas_m: np.ndarray, apart_m: float) -> np.ndarray:
     return np.concatenate(
         [line[evenly_spaced(antennas_m[line], apart_m)[0]] for line in lines(antennas_m)]
     )
-
-
-@njit(nogil=True, cache=True)
-def _corners_in_sight(clear, corners):  # type: ignore[no-untyped-def]
-    """Count the visible corners of each face: uint8 [m]. clear [n]: True for visible points;
-    corners [m, 3]: indices of the faces' corners among these points."""
-    count = np.zeros(len(corners), np.uint8)
-    for m in range(len(corners)):
-        for i in range(3):
-            count[m] += clear[corners[m, i]]
-    return count

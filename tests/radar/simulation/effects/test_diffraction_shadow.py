@@ -8,14 +8,12 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects.clutter import _seen_behind
-from handbench.radar.simulation.effects.target_surface import obliquity, shadow_diffraction
+from handbench.radar.simulation.effects.target_surface import obliquity, shadow
 from handbench.radar.simulation.forward import simulate
-from handbench.radar.simulation.physics.creeping import roundness_of
-from handbench.radar.simulation.physics.diffraction import (
-    cells_of,
+from handbench.radar.simulation.physics.shadows import (
+    cubes_of,
     edge_waves,
     edges_of,
-    outline,
     visible_outline,
 )
 from handbench.radar.simulation.scene import EchoScene
@@ -34,7 +32,7 @@ SHEET = plate(
 BODY = joined(FINGER, SHEET)
 
 
-def state(body, array=ARRAY, effect=shadow_diffraction, tones_hz=TONES_HZ) -> Echoes:
+def state(body, array=ARRAY, effect=shadow, tones_hz=TONES_HZ) -> Echoes:
     return shaped(EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body), obliquity, effect)
 
 
@@ -46,14 +44,13 @@ def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
     facets, rays = made.surface.facets, Rays(BODY.vertices_m, BODY.faces)
     chosen = np.flatnonzero(facets.face >= len(FINGER.faces))[::58]
     part, sight = facets.where(chosen), made.surface.sight.where(chosen)
-    cells, roundness = cells_of(part.position_m, 6e-3), roundness_of(made.scene, BODY)
+    cubes, edges = cubes_of(part.position_m), edges_of(BODY)
     weights = []
     for leg, antennas_m in enumerate((ARRAY.tx_m, ARRAY.rx_m)):
         fields = []
         for at_m in antennas_m:
-            edges = outline(BODY, edges_of(BODY), at_m, roundness)
-            seen = visible_outline(edges, rays, at_m)
-            waves = edge_waves(at_m, cells, seen, np.array([2 * np.pi * turns]))
+            outline = visible_outline(BODY, edges, rays, at_m)
+            waves = edge_waves(at_m, cubes, outline, np.array([2 * np.pi * turns]))
             fields.append(rays.in_sight(part.position_m, at_m) + waves[0])
         weights.append(sight.weights(leg, turns))
         assert np.linalg.norm(weights[leg] - fields) < 0.02 * np.linalg.norm(fields)
@@ -90,7 +87,7 @@ def test_the_room_is_diffracted_behind_the_target_alone():
     wall = plate((-0.05, -0.05, 0.36), (0, 0.10, 0), (0.10, 0, 0), 20)
     aside = plate((0.25, -0.02, 0.36), (0, 0.04, 0), (0.04, 0, 0), 8)
     scene = EchoScene(ARRAY, TONES_HZ, np.zeros(4), FINGER, room=(wall, aside))
-    echoes, every = shaped(scene, shadow_diffraction), joined(FINGER, wall, aside)
+    echoes, every = shaped(scene, shadow), joined(FINGER, wall, aside)
     rays = Rays(every.vertices_m, every.faces)
     behind, beside = (_seen_behind(echoes, FINGER, rays, body) for body in (wall, aside))
     assert behind.sight.partial.any() and not beside.sight.partial.any()

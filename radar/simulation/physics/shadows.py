@@ -1,0 +1,349 @@
+"""Shadows of a body, blurred by diffraction: the field of an antenna at points behind or next to
+the body, relative to the field without it.
+
+It is Kirchhoff's integral over an opaque screen before a spherical wave, as an integral along the
+screen's outline (Maggi, Rubinowicz; Miyamoto & Wolf, J. Opt. Soc. Am. 52 (1962) 615). At small
+angles, with δ the detour via the outline and φ its angle around the ray from antenna to point,
+
+    D = V + (1/2π) Σ_edges ∫ e^{−jkδ} dφ,
+
+where V is 1 in sight and 0 in the shadow. Where the ray crosses the outline, V jumps by 1 and ∫dφ
+by 2π, so that D is smooth there: ½ at a straight edge, which gives ½ erfc(√(jkδ)) in the shadow,
+Fresnel's knife edge.
+
+An edge contributes if the antenna sees it, and only to points no farther than the surface that the
+antenna sees right next to it: of two screens, one behind the other, only the common outline hides
+points behind both. Left out are diffraction at two edges, waves that creep around round edges,
+polarisation, and bends by more than some 40°.
+
+D is smooth over points, antennas and frequency. It is computed at the vertices of the surface (at
+the facets of coarse faces), for few antennas of each line and for three tones, and interpolated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
+from handbench.radar.imaging.cpu.adjoint import Sight
+from handbench.radar.imaging.cpu.steering import cis_small
+from handbench.radar.simulation.physics.facets import Facets, face_vectors, unit
+from handbench.radar.simulation.physics.line_of_sight import evenly_spaced, lines
+from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.support.compiled import FAST, INNER, njit
+from handbench.support.errors import HandbenchError
+from handbench.support.parallel import for_each
+from handbench.support.rays import Rays
+
+FARTHEST = 20.0  # kδ beyond which an edge is left out; its wave fades from half of it on
+WIDEST = 1.0  # tangent of the angle of bending beyond which it is; the same
+BESIDE_M = 2e-4  # distance from an edge to the ray that finds the surface behind it
+THICK_M = 2e-3  # points up to this far behind the surface next to an edge count as that surface
+CUBE_M = 0.012  # width of the cubes of points that share a list of edges
+COARSE_M = 2e-3  # edges of a face beyond which the field is computed at each of its facets
+FULL = 0.05  # smaller differences from full sight, or from none, are ignored
+# constants of kernels, in their precision: float64 takes twice as long
+ZERO, QUARTER, HALF, ONE, TWO, THREE = np.array([0, 0.25, 0.5, 1, 2, 3], np.float32)
+TINY_M, TINY_M2 = np.array([1e-6, 1e-20], np.float32)
+# arctan(x)/2πx in x²
+T0, T1, T2, T3, T4 = np.array(
+    [0.15915007, -0.05278828, 0.02946036, -0.01460251, 0.003784], np.float32
+)
+IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
+
+
+class Edges(NamedTuple):
+    """The edges of a mesh that two faces share. ends [e, 2]: indices of vertices, in the order of
+    the first face; faces [e, 2]: indices of both faces; planes [m, 4]: plane (n, d) of every face
+    of the mesh, with n·x > d in front of it; n is not a unit vector."""
+
+    ends: np.ndarray
+    faces: np.ndarray
+    planes: np.ndarray
+
+
+class Outline(NamedTuple):
+    """The edges of a body's outline that an antenna sees, which is the origin: starts and ends
+    [n, 3] in metres, counter-clockwise around the body, and the largest distance [n] of points to
+    which each edge diffracts."""
+
+    start_m: np.ndarray
+    end_m: np.ndarray
+    within_m: np.ndarray
+
+
+class Cubes(NamedTuple):
+    """n points sorted into cubes of space. position_m [3, n]: the points, cube by cube; order [n]:
+    their original indices; starts [cubes + 1]: where the points of each cube begin; centre_m
+    [cubes, 3]: mean of a cube's points; radius_m [cubes]: their largest distance from it."""
+
+    position_m: np.ndarray
+    order: np.ndarray
+    starts: np.ndarray
+    centre_m: np.ndarray
+    radius_m: np.ndarray
+
+
+def sight_of(
+    scene: EchoScene,
+    hiding: Body,
+    body: Body,
+    facets: Facets,
+    rays: Rays,
+    array: AntennaArray,
+    apart_m: float,
+) -> tuple[Sight, np.ndarray]:
+    """Compute by which complex factor D the outlines of a body change the field of each antenna at
+    the facets of a surface: (`Sight`, boolean mask [p] of the facets that at least one transmitter
+    and one receiver reach).
+
+    hiding: the body whose outlines diffract; body: the one that has the facets; rays: ray caster of
+    all obstacles; apart_m: largest distance between the antennas of a line for which D is computed.
+    """
+    points_m, corner, share = _samples(body, facets)
+    edges = scene.cached(("edges", id(hiding)), lambda: edges_of(hiding))
+    cubes = cubes_of(points_m)
+    turns_per_m = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
+    middle = (turns_per_m.max() + turns_per_m.min()) / 2
+    half = np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
+    wavenumbers = 2 * np.pi * (middle + half * np.array([-1.0, 0.0, 1.0]))
+    tables: list[np.ndarray] = []
+    spreads: list[np.ndarray] = []
+    for leg in array.legs:
+        at, spread = _nodes(leg.position_m, apart_m)
+        table = np.zeros((len(points_m), 3, len(at)), np.complex64)
+
+        def work(node: int, at: np.ndarray = leg.position_m[at], table: np.ndarray = table) -> None:
+            visible = rays.in_sight(points_m, at[node])
+            outline = visible_outline(hiding, edges, rays, at[node])
+            low, mid, high = edge_waves(at[node], cubes, outline, wavenumbers)
+            table[:, :, node] = np.stack(
+                [visible + mid, (high - low) / 2, (high + low) / 2 - mid], axis=1
+            )
+
+        for_each(work, range(len(at)))
+        tables.append(table)
+        spreads.append(spread)
+    reached = np.logical_and(*(_exceeds(table, FULL) for table in tables))
+    partial = np.logical_or(*(_exceeds(table - IN_SIGHT, FULL) for table in tables))
+    reached = reached[corner].any(axis=0)
+    corner[:, ~partial[corner].any(axis=0)] = -1
+    detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
+    beside = 1 / (4 * turns_per_m.max() * apart_m)  # waves from there turn by π/2 per node
+    legs = (tables[0], spreads[0], tables[1], spreads[1])
+    return Sight(corner, share, *legs, middle, half, detour_m, beside), reached
+
+
+def edges_of(body: Body) -> Edges:
+    """Return the edges of a body's mesh that two faces share. The rims of an open mesh are left
+    out. Raises HandbenchError for a closed mesh with normals inwards."""
+    directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    low, high = np.sort(directed, axis=1).T.astype(np.int64)
+    key = low * len(body.vertices_m) + high
+    order = np.argsort(key, kind="stable")
+    paired = np.flatnonzero(np.diff(key[order]) == 0)
+    one, other = order[paired], order[paired + 1]
+    vectors = face_vectors(body.vertices_m, body.faces)
+    heights = (vectors * body.vertices_m[body.faces[:, 0]]).sum(axis=1)
+    if 2 * len(paired) == len(directed) and heights.sum() < 0:  # 3 volumes
+        raise HandbenchError("target: the normals of its mesh point inwards; turn its faces around")
+    planes = np.column_stack([vectors, heights])
+    return Edges(directed[one], np.stack([one, other], axis=1) // 3, planes)
+
+
+def visible_outline(body: Body, edges: Edges, rays: Rays, antenna_m: np.ndarray) -> Outline:
+    """Return the outline of a body as seen from an antenna [3], which are the edges between a face
+    turned towards it and one turned away, without the edges that the obstacles of `rays` hide.
+
+    Each edge diffracts only to points no farther away than the surface that the antenna sees next
+    to it.
+    """
+    front = edges.planes @ [*antenna_m, -1.0] > 0
+    first, second = front[edges.faces].T
+    ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
+    start_m, end_m = (body.vertices_m[ends[:, i]] - antenna_m for i in (0, 1))
+    middle_m = (start_m + end_m) / 2
+    beside_m = middle_m + BESIDE_M * unit(np.cross(middle_m, end_m - start_m))
+    distance_m = np.linalg.norm(beside_m, axis=1)
+    origins_m = np.broadcast_to(antenna_m, beside_m.shape)
+    hit_m, _ = rays.first_hits(origins_m, beside_m / distance_m[:, None])
+    seen = hit_m > distance_m - THICK_M
+    return Outline(start_m[seen], end_m[seen], hit_m[seen].astype(float) + THICK_M)
+
+
+def cubes_of(points_m: np.ndarray, width_m: float = CUBE_M) -> Cubes:
+    """Sort points [n, 3] into cubes of space with the width width_m."""
+    place = np.floor((points_m - points_m.min(axis=0)) / width_m).astype(int)
+    key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
+    sorted_m = points_m[order]
+    centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
+    off_m = np.linalg.norm(sorted_m - np.repeat(centre_m, np.diff(starts), axis=0), axis=1)
+    radius_m = np.maximum.reduceat(off_m, starts[:-1])
+    return Cubes(np.ascontiguousarray(sorted_m.T), order, starts, centre_m, radius_m)
+
+
+def edge_waves(
+    antenna_m: np.ndarray, cubes: Cubes, outline: Outline, wavenumbers: np.ndarray
+) -> np.ndarray:
+    """Compute the field that the edges of an outline diffract to points, over the field of the
+    antenna there without obstacles: (1/2π) Σ ∫ e^{−jkδ} dφ, complex64 [k, n], for each wavenumber
+    [k], in the original order of the points. Amplitudes are those at the middle wavenumber."""
+    waves = np.zeros((2, len(wavenumbers), len(cubes.order)), np.float32)
+    middle = float(wavenumbers.min() + wavenumbers.max()) / 2
+    if len(outline.start_m) > 0:
+        _waves(antenna_m, cubes, outline, wavenumbers / (2 * np.pi), middle, waves)
+    field = np.empty(waves.shape[1:], np.complex64)
+    field[:, cubes.order] = waves[0] + np.complex64(1j) * waves[1]
+    return field
+
+
+@njit(**FAST)
+def _waves(antenna_m, cubes, outline, turns_per_m, wavenumber, waves):  # type: ignore[no-untyped-def]
+    """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
+    by cube, with only those edges that matter for some point of the cube."""
+    middle_m, half_m = (
+        (outline.start_m + outline.end_m) / 2,
+        (outline.end_m - outline.start_m) / 2,
+    )
+    latest_m = FARTHEST / wavenumber
+    ways_m = np.empty(cubes.position_m.shape, np.float32)
+    for i in range(3):
+        ways_m[i] = cubes.position_m[i] - antenna_m[i]
+    amplitude, detour_m = np.empty((2, (cubes.starts[1:] - cubes.starts[:-1]).max()), np.float32)
+    for cube in range(len(cubes.radius_m)):
+        here = slice(cubes.starts[cube], cubes.starts[cube + 1])
+        near = _near(middle_m, cubes.centre_m[cube] - antenna_m, cubes.radius_m[cube], latest_m)
+        for e in np.flatnonzero(near):
+            edge = middle_m[e].astype(np.float32), half_m[e].astype(np.float32)
+            within_m = np.float32(outline.within_m[e])
+            x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
+            _edge(x, y, z, *edge, within_m, wavenumber, amplitude, detour_m)
+            for k in range(len(turns_per_m)):
+                turns, re, im = np.float32(turns_per_m[k]), waves[0, k, here], waves[1, k, here]
+                for p in range(len(re)):
+                    cosine, sine = cis_small(turns * detour_m[p])
+                    re[p] += amplitude[p] * cosine
+                    im[p] -= amplitude[p] * sine
+
+
+@njit(**INNER)
+def _near(middle_m, centre_m, radius_m, latest_m):  # type: ignore[no-untyped-def]
+    """Return a mask [n] of the edges that matter for some point of a cube (centre, radius): they
+    bend the ray to it by a tangent of at most WIDEST, and lengthen it by at most latest_m."""
+    length_m = np.sqrt((centre_m * centre_m).sum())
+    x, y, z = centre_m / length_m
+    near = np.empty(len(middle_m), np.bool_)
+    for e in range(len(near)):
+        mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
+        before_m = mx * x + my * y + mz * z
+        behind_m = length_m + radius_m - before_m
+        square_m2 = max(mx * mx + my * my + mz * mz - before_m * before_m, 0.0)
+        off_m = max(np.sqrt(square_m2) - radius_m, 0.0)
+        near[e] = (
+            (before_m > 0)
+            & (behind_m > 0)
+            & (off_m <= WIDEST * behind_m)
+            & (off_m * off_m <= latest_m * (latest_m + 2 * behind_m))
+        )
+    return near
+
+
+@njit(**INNER)
+def _edge(  # type: ignore[no-untyped-def]
+    x_m, y_m, z_m, middle, half, within_m, wavenumber, amplitude, detour_m
+):
+    """Compute the wave of one edge at n points: its amplitude [n], which is the angle of the edge
+    around the ray, over 2π, and its detour [n].
+
+    x_m, y_m, z_m [n]: the points as seen from the antenna; middle, half [3]: the middle of the edge
+    from the antenna, and half of the vector from its start to its end. The amplitude is smaller
+    where the phase differs between both, and 0 where the edge does not count.
+    """
+    mx, my, mz = middle
+    hx, hy, hz = half
+    nx, ny, nz = TWO * (hy * mz - hz * my), TWO * (hz * mx - hx * mz), TWO * (hx * my - hy * mx)
+    far_m = np.sqrt(mx * mx + my * my + mz * mz)
+    inverse, half_m2 = ONE / far_m, hx * hx + hy * hy + hz * hz
+    sixth = np.float32(wavenumber / np.sqrt(6.0))
+    late, wide = np.float32(wavenumber / FARTHEST), np.float32(1 / WIDEST)
+    for p in range(len(x_m)):
+        x, y, z = x_m[p], y_m[p], z_m[p]
+        way_m = np.sqrt(x * x + y * y + z * z)
+        x, y, z = x / way_m, y / way_m, z / way_m
+        before_m, half_along_m = mx * x + my * y + mz * z, hx * x + hy * y + hz * z
+        ox, oy, oz = mx - before_m * x, my - before_m * y, mz - before_m * z
+        off_m2 = ox * ox + oy * oy + oz * oz
+        off_m, behind_m = np.sqrt(off_m2), max(way_m - before_m, TINY_M)
+        close_m = np.sqrt(behind_m * behind_m + off_m2)
+        detour_m[p] = off_m2 / (far_m + before_m) + off_m2 / (close_m + behind_m)
+        uneven = sixth * (ox * hx + oy * hy + oz * hz) * (inverse + ONE / close_m)
+        weight = _fade(wide * off_m / behind_m) * _fade(late * detour_m[p])
+        weight /= ONE + uneven * uneven  # sin(x)/x of half the difference of phase
+        turns = _turns(nx * x + ny * y + nz * z, off_m2 - half_m2 + half_along_m * half_along_m)
+        amplitude[p] = turns * weight if way_m < within_m + off_m else ZERO
+
+
+@njit(inline="always")
+def _turns(y, x):  # type: ignore[no-untyped-def]
+    """Return arctan2(y, x) / 2π, float32, within 1e-6."""
+    low, high = min(abs(x), abs(y)), max(abs(x), abs(y))
+    s = low / max(high, TINY_M2)
+    q = s * s
+    turns = s * (T0 + q * (T1 + q * (T2 + q * (T3 + q * T4))))
+    turns = QUARTER - turns if abs(y) > abs(x) else turns
+    turns = HALF - turns if x < ZERO else turns
+    return -turns if y < ZERO else turns
+
+
+@njit(inline="always")
+def _fade(x):  # type: ignore[no-untyped-def]
+    """Return 1 for x ≤ ½, 0 for x ≥ 1, and a smooth step in between."""
+    t = min(max(x + x - ONE, ZERO), ONE)
+    return ONE - t * t * (THREE - t - t)
+
+
+def _exceeds(table: np.ndarray, limit: float) -> np.ndarray:
+    """Return a boolean mask [s], True for points of a table [s, 3, nodes] at which some complex
+    coefficient exceeds a limit in magnitude."""
+    return np.asarray((table.real**2 + table.imag**2 > limit**2).any(axis=(1, 2)))
+
+
+def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Choose antennas evenly along each line, at most apart_m apart: (their indices, weights
+    float32 [a, nodes] that interpolate values at them to all antennas [a, 3] by cubic splines)."""
+    chosen: list[int] = []
+    spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
+    for line in lines(antennas_m):
+        at, along_m = evenly_spaced(antennas_m[line], apart_m)
+        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
+        spread[line, len(chosen) : len(chosen) + len(at)] = weights
+        chosen += line[at].tolist()
+    return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
+
+
+def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Choose the points at which D is computed: the vertices of the faces that have facets, and the
+    facets of faces with edges longer than COARSE_M.
+
+    Returns the points [s, 3] and, for each facet, the indices of three points around it, int32
+    [3, p], and its barycentric coordinates between them, float32 [3, p].
+    """
+    corner = body.faces[facets.face]
+    corners_m = body.vertices_m[corner]
+    edges_m = np.linalg.norm(corners_m - np.roll(corners_m, 1, axis=1), axis=2).max(axis=1)
+    coarse = np.flatnonzero(edges_m > COARSE_M)
+    corner[coarse] = len(body.vertices_m) + coarse[:, None]
+    places_m = np.concatenate([body.vertices_m, facets.position_m])
+    used = np.zeros(len(places_m), bool)
+    used[corner] = True
+    corner = (np.cumsum(used) - 1)[corner]
+    return (
+        places_m[used],
+        np.ascontiguousarray(corner.T, np.int32),
+        np.ascontiguousarray(facets.share.T, np.float32),
+    )
