@@ -119,7 +119,7 @@ SAVED = {"tape": save_tape, "chair": save_chair} | dict.fromkeys(TUMOURS_M, save
 
 def imaged(folder: Path, echoes: RadarCapture) -> DepthMap:
     """Image echoes by broadband backprojection, as the capture's description sets it up."""
-    return method("broadband").run(echoes, configuration(folder, "broadband", {}), 0).depth
+    return method("broadband").run(echoes, configuration(folder, "broadband", {}))
 
 
 def tape(work: Path) -> pd.DataFrame:

@@ -178,18 +178,12 @@ def stream(
     from handbench.bench.pipeline.image import prepare
     from handbench.radar.data.capture import RadarCapture, as_complex64
     from handbench.radar.methods import registry
-    from handbench.radar.methods.advice import requested_tones_hz
     from handbench.radar.warmup import compile_kernels
-    from handbench.support.errors import HandbenchError
 
     chosen = registry.method(method)
     where = f"method '{method}'"
     config = chosen.configure(_within(chosen.configure({}, where), settings), where)
-    asked_hz = requested_tones_hz(config) if frequencies_hz is None else np.asarray(frequencies_hz)
-    if asked_hz is None:
-        raise HandbenchError(
-            f"frequencies_hz: is missing, and '{method}' names no tones; pass those of the samples"
-        )
+    asked_hz = config.frequencies_hz if frequencies_hz is None else np.asarray(frequencies_hz)
     compile_kernels()
     begun = False
 
@@ -199,7 +193,7 @@ def stream(
         if not begun:  # what does not change from frame to frame is checked once
             prepare(echoes, chosen, config)
             begun = True
-        return Depth(chosen.run(echoes, config, 0).depth)
+        return Depth(chosen.run(echoes, config))
 
     return image
 
@@ -448,9 +442,9 @@ def compare(a: File | RunResult, b: File | RunResult) -> pd.DataFrame:
 
 def methods() -> dict[str, str]:
     """Return all imaging methods: id → one line of text that describes the method."""
-    from handbench.radar.methods.registry import methods as registered
+    from handbench.radar.methods.registry import METHODS
 
-    return {method.id: method.summary for method in registered()}
+    return {method.id: method.summary for method in METHODS.values()}
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:

@@ -88,7 +88,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     of `ChirpProfile` that replace those in the folder's .cfg. Raises HandbenchError if the files do
     not agree with the profile.
     """
-    from handbench.radar.methods.advice import default_config
+    from handbench.radar.methods.registry import measured_settings
 
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings)
@@ -106,7 +106,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     places_m, gains = antennas(source, profile, transmitters)
     tones_hz = profile.tones_hz()
     capture = Recording(samples, tones_hz, places_m, None, gains, profile.sweeps).capture()
-    facts = {"kind": "other", "source": "TI raw capture", "methods": default_config(tones_hz)}
+    facts = {"kind": "other", "source": "TI raw capture", "methods": measured_settings(tones_hz)}
     save_echoes_folder(folder, capture, facts | {"unknown": ("range_offset",)})
 
 

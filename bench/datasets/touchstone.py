@@ -41,7 +41,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
     position, else a list of pairs of antennas. settings: fields of `TouchstoneSettings`. Raises
     HandbenchError for files of another format, or with different frequencies.
     """
-    from handbench.radar.methods.advice import default_config
+    from handbench.radar.methods.registry import measured_settings
 
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
     parameter = parse(TouchstoneSettings, settings, "--set").parameter
@@ -64,7 +64,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
         rx_m, r = np.unique(rx_m, axis=0, return_inverse=True)
         kind, places_m, pairs = "other", {"tx_m": tx_m, "rx_m": rx_m}, np.stack([t, r], axis=1)
     capture = Recording(samples, tones_hz[0], places_m, pairs).capture()
-    facts = {"kind": kind, "source": "Touchstone files", "methods": default_config(tones_hz[0])}
+    facts = {"kind": kind, "source": "Touchstone files", "methods": measured_settings(tones_hz[0])}
     save_echoes_folder(folder, capture, facts)
 
 

@@ -11,10 +11,9 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.advice import require_tones
 from handbench.radar.methods.evidence import require_evidence
-from handbench.radar.methods.registry import Method, Reconstruction, method
-from handbench.support.config import Config
+from handbench.radar.methods.registry import Method, method
+from handbench.radar.methods.settings import MethodSettings
 from handbench.support.cost import setting
 from handbench.support.errors import HandbenchError
 
@@ -25,19 +24,18 @@ class ImagingTask:
     checked that they fit."""
 
     method: Method
-    settings: Config
+    settings: MethodSettings
     echoes: RadarCapture
 
-    def image(self, frame: int = 0) -> Reconstruction:
-        """Image one frame by the method: its depth map, still without p_gross, and what else the
-        method returns, such as a volume."""
+    def image(self, frame: int = 0) -> DepthMap:
+        """Image one frame by the method: its depth map, still without p_gross."""
         return self.method.run(self.echoes, self.settings, frame)
 
     def with_uncertainty(self, depth: DepthMap, frame: int = 0) -> DepthMap:
         """Return a depth map of this task with p_gross, the probability of a gross error, added;
         its standard deviations are raised to what the antennas can resolve. Raises HandbenchError
-        for an invalid map, such as a plug-in may return."""
-        from handbench.radar.methods.gross_errors import with_p_gross  # imports scipy.ndimage
+        for an invalid map."""
+        from handbench.radar.methods.gross_errors import with_p_gross  # imports numba
 
         checked = depth.checked(f"method '{self.method.id}'")
         return with_p_gross(checked, self.echoes, self.settings, frame)
@@ -46,7 +44,7 @@ class ImagingTask:
 def prepare(
     echoes: RadarCapture,
     chosen: Method,
-    settings: Config,
+    settings: MethodSettings,
     frame: int = 0,
     every_nth_antenna: int = 1,
 ) -> ImagingTask:
@@ -70,13 +68,14 @@ def prepare(
             f"frame {frame}: does not exist; the capture has frames 0 to {len(echoes.samples) - 1}"
         )
     echoes = thin_antennas(echoes, every_nth_antenna)
-    require_tones(echoes, settings)
     for each in range(frame + 1):
         require_evidence(echoes, settings, each)
     return ImagingTask(chosen, settings, echoes)
 
 
-def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0) -> DepthMap:
+def image(
+    echoes: RadarCapture, chosen: Method, settings: MethodSettings, frame: int = 0
+) -> DepthMap:
     """Image one frame of a capture by a method: the depth map with its standard deviations, flags
     and p_gross, the probability of a gross error. Raises HandbenchError if the method cannot image
     the frame."""
@@ -84,7 +83,7 @@ def image(echoes: RadarCapture, chosen: Method, settings: Config, frame: int = 0
 
     task = prepare(echoes, chosen, settings, frame)
     compile_kernels()
-    return task.with_uncertainty(task.image(frame).depth, frame)
+    return task.with_uncertainty(task.image(frame), frame)
 
 
 def require_near(echoes: RadarCapture) -> RadarCapture:
@@ -102,7 +101,7 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
     return echoes
 
 
-def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Config:
+def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> MethodSettings:
     """Return a method's complete configuration for the capture in a folder.
 
     The method's defaults are overridden by the settings in the capture's description, and these by
@@ -111,7 +110,7 @@ def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> Conf
     return configured(open_capture(capture).about, method_id, config)
 
 
-def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Config:
+def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> MethodSettings:
     """Return a method's complete configuration for a capture with the description `about`.
 
     The method's defaults are overridden by the settings in the description (for this method, or for
@@ -122,5 +121,6 @@ def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Co
     for known in of_sensor:
         method(known)  # a typing error in capture.toml is not passed over
     chosen = method(method_id)
-    asked = {**of_sensor.get(chosen.base, {}), **of_sensor.get(method_id, {})}
+    base = method_id.partition("-")[0]
+    asked = {**of_sensor.get(base, {}), **of_sensor.get(method_id, {})}
     return chosen.configure({**asked, **config}, f"method '{method_id}'")

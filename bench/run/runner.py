@@ -38,7 +38,6 @@ from handbench.groundtruth import pipeline
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.pipeline import CLOUD, MESH
 from handbench.radar.imaging.device import current_device
-from handbench.radar.methods.registry import method_key
 from handbench.radar.warmup import announce
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -246,7 +245,7 @@ def imaging_stages(
         return [foreign_stage(bench, base, capture.input, capture.about, entry)] if once else []
     arguments = {
         "capture": capture.input,
-        "method": Input(entry.id, [entry.id, method_key(entry.id)]),
+        "method": entry.id,
         "config": configured(capture.about, entry.id, entry.config).model_dump(mode="json"),
         "device": current_device(),
         "every_nth_antenna": entry.every_nth_antenna,

@@ -25,8 +25,8 @@ from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_fold
 from handbench.bench.pipeline.image import configured
 from handbench.bench.stages.reconstruct import DEPTH, SOURCES, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import PixelGrid, VoxelGrid
-from handbench.radar.methods.fsk_config import PixelsConfig
+from handbench.radar.data.grid import GridConfig, PixelGrid
+from handbench.radar.methods.settings import MethodSettings
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, inside, read_npz, write_json
@@ -57,9 +57,8 @@ def pixels(about: CaptureFile, methods: Sequence[MethodEntry]) -> PixelGrid:
     This is the grid of the first method in the benchmark that is part of handbench; without such a
     method, the grid of the paper. about: description of the capture."""
     own = next((entry for entry in methods if not entry.foreign), None)
-    config = PixelsConfig() if own is None else configured(about, own.id, own.config)
-    grid = config.grid() if hasattr(config, "grid") else PixelsConfig().grid()
-    return grid.pixels if isinstance(grid, VoxelGrid) else grid
+    config = MethodSettings() if own is None else configured(about, own.id, own.config)
+    return config.pixels
 
 
 def foreign_stage(
@@ -160,7 +159,7 @@ def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
     files that handbench's own methods write.
     The maps under equal treatment (same smoothing for all methods) are made by smoothing `depth`;
     smoothing by the foreign method itself cannot be undone. seconds: may be empty."""
-    write_treated(folder, lambda settings: depth, PixelsConfig(), depth)
+    write_treated(folder, lambda settings: depth, GridConfig(), depth)
     depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": seconds})
 

@@ -19,9 +19,11 @@ from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.grid import GridConfig
 from handbench.radar.imaging.device import use_device
-from handbench.radar.methods.registry import Reconstruction, method
-from handbench.support.config import Config
+from handbench.radar.methods.pixels import masked_mean
+from handbench.radar.methods.registry import method
+from handbench.radar.methods.settings import MethodSettings
 from handbench.support.files import read_json, read_npz, write_json, write_npz
 from handbench.support.limits import KEPT_BYTES
 from handbench.support.store import stage
@@ -34,8 +36,8 @@ TREATED = "treated.npz"
 VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
 REPEATED_S = 0.5  # for how long the imaging is repeated for its time
-FILTERS = "_filter_px"  # end of a configuration's names
-DROPS = "drop_"  # beginning of a configuration's names
+FILTER = "filter_px"  # setting of methods that smooth their depths
+DROP = "drop_doubtful"  # setting of methods that can leave pixels out as uncertain
 
 
 SOURCES = (
@@ -70,22 +72,16 @@ def reconstruct(
     capture: its folder; config: complete settings of the method; device: name of the device that
     images; every_nth_antenna: use only every n-th transmitter and every n-th receiver; frames: how
     many frames are imaged."""
-    from handbench.radar.methods.projection import cached_peaks
-
-    peaks: dict[Any, Any] = {}
     with use_device(device):
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
-        with cached_peaks(peaks):
-            images = imager.images()
-        seconds = imager.repeated(images.seconds)
-        depths = [result.depth for result in images.results]
+        images = imager.images()
+        seconds, depths = imager.repeated(images.seconds), images.depths
         if seconds[0] < PLANNED_S:
 
-            def image(settings: Config) -> DepthMap:
-                return replace(imager.task, settings=settings).image().depth
+            def image(settings: MethodSettings) -> DepthMap:
+                return replace(imager.task, settings=settings).image()
 
-            with cached_peaks(peaks, reuse=True):
-                write_treated(folder, image, imager.task.settings, depths[0])
+            write_treated(folder, image, imager.task.settings, depths[0])
     # not timed: the uncertainty is not part of the method
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
@@ -110,7 +106,7 @@ def repeat(
     `reconstruct`."""
     with use_device(device):
         images = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
-    depths = [result.depth for result in images.results]
+    depths = images.depths
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
     write_npz(
         folder / REPEATS,
@@ -207,11 +203,11 @@ def measuring_times(echoes: RadarCapture) -> dict[str, Any]:
 
 class Images(NamedTuple):
     """Results of imaging the frames of a capture.
-    results: one for each frame. seconds: times from the echoes in memory to a depth map, without
+    depths: one map for each frame. seconds: times from the echoes in memory to a depth map, without
     the preparation (plan) of the fast imaging, which depends only on the geometry. plan_s: time of
     that preparation, s, if known."""
 
-    results: list[Reconstruction]
+    depths: list[DepthMap]
     seconds: list[float]
     plan_s: float | None
 
@@ -244,18 +240,18 @@ class Imager:
         only once. Its time therefore counts only if there is no other: the other frames are timed,
         and a single frame is imaged again unless it took long. The extra time of the first frame is
         reported as the time of the plan."""
-        task, times, results = self.task, list[float](), list[Reconstruction]()
+        task, times, depths = self.task, list[float](), list[DepthMap]()
         with timed(times):
-            results.append(task.method.run(task.echoes, task.settings, 0))
+            depths.append(task.method.run(task.echoes, task.settings, 0))
         for frame in range(1, self.frames):
             with timed(times):
-                results.append(task.method.run(task.echoes, task.settings, frame))
+                depths.append(task.method.run(task.echoes, task.settings, frame))
         if len(times) == 1 and times[0] < PLANNED_S:
             with timed(times):
                 task.image()
         first_s, *seconds = times
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
-        return Images(results, seconds or [first_s], plan_s)
+        return Images(depths, seconds or [first_s], plan_s)
 
     def repeated(self, seconds: list[float]) -> list[float]:
         """Repeat the imaging for half a second (REPEATED_S), so that the median of fast methods is
@@ -277,27 +273,21 @@ def timed(seconds: list[float]) -> Iterator[None]:
 
 
 def write_treated(
-    folder: Path, image: Callable[[Config], DepthMap], settings: Config, own: DepthMap
+    folder: Path, image: Callable[[Any], DepthMap], settings: GridConfig, own: DepthMap
 ) -> None:
     """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
     the file treated.npz: treatment → depths [ny, nx] above the method's own threshold, metres.
     image: function that makes the capture's depth map with a given configuration of the method.
     settings: the method's own configuration; own: the depth map that it gave."""
-    # imports numba, which readers of the maps do not need
-    from handbench.radar.methods.fsk import masked_mean
-
     made: dict[str, DepthMap] = {settings.model_dump_json(): own}
     arrays: dict[str, np.ndarray] = {}
     known = type(settings).model_fields
-    filters = [name for name in known if name.endswith(FILTERS)]
-    # no pixel is left out as uncertain
-    kept = dict.fromkeys((name for name in known if name.startswith(DROPS)), False)
     for treatment, size_px in SMOOTHING.items():
-        changed: dict[str, Any] = {**kept, **dict.fromkeys(filters, size_px)}
-        config = settings.model_copy(update=changed)
+        changed = {FILTER: size_px, DROP: False}
+        config = settings.model_copy(update={k: v for k, v in changed.items() if k in known})
         if (key := config.model_dump_json()) not in made:
             made[key] = image(config)
-        z_m = made[key].z_m if filters else masked_mean(made[key].z_m, size_px)
+        z_m = made[key].z_m if FILTER in known else masked_mean(made[key].z_m, size_px)
         arrays[treatment] = z_m.astype(np.float32)
     write_npz(folder / TREATED, **arrays)
 

@@ -27,8 +27,8 @@ from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.device import describe
-from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.backprojection import Backprojection
+from handbench.radar.methods.fsk import Fsk
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.scene import CENTRE_M
@@ -68,14 +68,14 @@ def hand() -> Scatterers:
 
 
 def cases(
-    scatterers: Scatterers, array: AntennaArray, volume: BroadbandConfig, frame: ThreeToneConfig
+    scatterers: Scatterers, array: AntennaArray, volume: Backprojection, frame: Fsk
 ) -> list[EngineCase]:
     """List the three computations: a broadband volume, the images of a 3-FSK frame in a plane, and
     the echoes of a hand. The exact volume is timed on its middle plane."""
-    tones_hz, frame_hz = volume.tones_hz(), np.array(frame.ladder_hz)
+    tones_hz, frame_hz = volume.frequencies_hz, frame.frequencies_hz
     echoes = partial(simulate, scatterers, tones_hz, array)
     frame_samples = simulate(scatterers, frame_hz, array)
-    grid, middle = volume.grid(), len(volume.grid().z_m) // 2
+    grid, middle = volume.voxels, volume.z.count // 2
     plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle, None])
     at_first = VoxelGrid(frame.x.values_m(), frame.y.values_m(), np.array([frame.first_depth_m]))
     image = partial(image_volume, echoes(), tones_hz, array)
@@ -126,7 +126,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path("runs/bench.json"))
     options = parser.parse_args()
     compile_kernels()
-    measured = cases(hand(), qar50(), BroadbandConfig(), ThreeToneConfig())
+    measured = cases(hand(), qar50(), Backprojection(), Fsk())
     rows = [measure(case) for case in track(measured, "engine")]
     facts = {**machine(), "imaging_device": describe()}
     write_json(options.out, {"machine": facts, "versions": versions(), "rows": rows})

@@ -20,13 +20,11 @@ from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile, Sensor
 from handbench.bench.stages.reconstruct import strongest_z_m
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk_config import TwoToneConfig
+from handbench.radar.methods.registry import PAIR_HZ, method
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 
-CONFIG = TwoToneConfig()
 STEPS = 3  # precision is nearly proportional to the noise
 
 
@@ -38,19 +36,18 @@ def fit(benchmark: str, wanted_mm: float) -> float:
     measures the precision.
     """
     bench, base = load_benchmark(benchmark)
-    tones_hz = CONFIG.f1_hz, CONFIG.f2_hz
     scenes = []
     for source in bench.capture:
         if source.scene and "precision" in source.measures:
             file = load(SceneFile, base / source.scene, "a scene description")
-            radar = Sensor(array=file.sensor.array, sweep=(), tones_hz=tones_hz)
+            radar = Sensor(array=file.sensor.array, sweep=(), tones_hz=PAIR_HZ)
             scenes.append(build(file.model_copy(update={"sensor": radar, "photos": None}), base))
     if not scenes:
         raise HandbenchError(
             f"{benchmark}: has no scene that measures the precision, to which the noise is "
             "fitted; add one"
         )
-    turns_per_m = 2 * abs(CONFIG.f1_hz - CONFIG.f2_hz) / SPEED_OF_LIGHT_M_S
+    turns_per_m = 2 * abs(PAIR_HZ[0] - PAIR_HZ[1]) / SPEED_OF_LIGHT_M_S
     phase_noise_rad = 2 * np.pi * turns_per_m * 1e-3 * wanted_mm
     for _ in range(STEPS):
         measured_mm = measured_precision_mm(scenes, phase_noise_rad, bench.repeats)
@@ -66,7 +63,8 @@ def measured_precision_mm(scenes: list[Scene], phase_noise_rad: float, repeats: 
     for scene in scenes:
         file = scene.file.model_copy(update={"noise": Noise(phase_noise_rad=phase_noise_rad)})
         capture = echoes(replace(scene, file=file), repeats).capture
-        maps = [fsk_with_uncertainty(capture, CONFIG, frame) for frame in range(repeats)]
+        chosen = method("2fsk")
+        maps = [chosen.run(capture, chosen.defaults, frame) for frame in range(repeats)]
         hands.append(strongest_z_m(maps))
     return precision_mm(hands) or 0.0
 

@@ -24,10 +24,11 @@ from handbench.bench.validation.mistakes import (
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
+from handbench.radar.methods.settings import MethodSettings
 from handbench.radar.warmup import compile_kernels
-from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
@@ -90,27 +91,16 @@ def capture_warnings(recorded: NativeCapture) -> Iterator[str]:
         yield from order_warnings(echoes, image, surface, as_is_mm)
 
 
-def warnings_of_image(depth: DepthMap, capture: RadarCapture) -> Iterator[str]:
-    """Yield warnings about a depth map. If there are any, also test whether the echoes it was
-    imaged from are conjugated, and yield a warning if they are."""
-    plain = list(warnings_of(depth, MAP))
-    yield from plain
-    try:
-        yield from conjugation_warnings(capture) if plain else ()
-    except HandbenchError:  # a failed check takes no result away
-        return
-
-
 def _depth_map(
     folder: Path, begun: dict[str, Any], capture: RadarCapture
-) -> tuple[DepthMap, Config] | None:
+) -> tuple[DepthMap, MethodSettings] | None:
     """Image a capture by the first method of PROBES that can use its tones: (depth map,
     configuration); None if no method can. begun: the first depth, for methods that have one."""
     for name in PROBES:
-        fields = method(name).config.model_fields
-        config = configuration(folder, name, begun if FIRST in fields else {})
+        begun_here = begun if isinstance(method(name).defaults, Fsk) else {}
+        config = configuration(folder, name, begun_here)
         try:
-            return method(name).run(capture, config, 0).depth, config
+            return method(name).run(capture, config, 0), config
         except HandbenchError:
             continue
     return None

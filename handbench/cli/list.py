@@ -11,7 +11,7 @@ from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
 from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
-from handbench.radar.methods.registry import Method, methods
+from handbench.radar.methods.registry import METHODS, Method
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -68,7 +68,7 @@ def _print_in_full(entry: Entry) -> None:
 
 def _entries(section: str) -> Iterator[Entry]:
     if section == "methods":
-        yield from map(_method, methods())
+        yield from map(_method, METHODS.values())
     elif section == "metrics":
         for key, definition in definitions().items():
             yield Entry(key, METRICS[key].title, METRICS[key].unit, {"definition": definition})
@@ -89,11 +89,10 @@ def _entries(section: str) -> Iterator[Entry]:
 def _method(method: Method) -> Entry:
     """Return the entry of a method, whose details are its parameters with their defaults."""
     details = {"source": method.source}
-    for key, value in method.config().model_dump().items():
-        meaning = method.config.model_fields[key].description or ""
+    for key, value in method.defaults.model_dump().items():
+        meaning = type(method.defaults).model_fields[key].description or ""
         details[f"{key} = {_toml(value)}"] = meaning
-    note = method.distribution or method.source.split()[0]
-    return Entry(method.id, method.summary, note, details)
+    return Entry(method.id, method.summary, method.source.split()[0], details)
 
 
 def _toml(value: Any) -> str:

@@ -45,9 +45,9 @@ def numbers(text: str) -> tuple[float, ...]:
 
 def method_ids(**_: object) -> list[str]:
     """Return the ids of all methods, so that a shell can complete the option --method."""
-    from handbench.radar.methods.registry import methods
+    from handbench.radar.methods.registry import METHODS
 
-    return [method.id for method in methods()]
+    return list(METHODS)
 
 
 TYPES: dict[str, Callable[[str], Any]] = {

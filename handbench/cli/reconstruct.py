@@ -7,10 +7,11 @@ import numpy as np
 
 # The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.image import configuration, prepare
-from handbench.bench.validation.checks import CHANNELS, on_target, warnings_of
+from handbench.bench.pipeline.image import configured, prepare
+from handbench.bench.validation.checks import CHANNELS, MAP, on_target, warnings_of
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_npz
@@ -25,43 +26,39 @@ def run(options: argparse.Namespace) -> None:
     Prints warnings and the number of pixels with a depth."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
-    chosen = method(options.method)
-    defaults = configuration(options.capture, chosen.id, {})
-    settings = chosen.configure(
-        _settings(options, defaults.model_dump(mode="json")), "--set or --tolerance"
-    )
-    echoes = open_capture(options.capture).echoes(max(options.frame, 0) + 1)
-    for warning in warnings_of(echoes, CHANNELS):  # they may say why a tone is missing
-        say(f"{options.capture}: {warning}")
-    task = prepare(echoes, chosen, settings, options.frame)
-    if (options.volume is not None or options.check) and "z" not in chosen.config.model_fields:
+    chosen, recorded = method(options.method), open_capture(options.capture)
+    values = configured(recorded.about, chosen.id, {}).model_dump(mode="json")
+    settings = chosen.configure(_settings(options, values), "--set or --tolerance")
+    volume_asked = options.volume is not None or options.check
+    if volume_asked and not isinstance(settings, Backprojection):
         raise HandbenchError(
             f"--volume, --check: the method '{chosen.id}' computes no volume; choose --method "
             "broadband or narrowband, or leave these options out"
         )
-    from handbench.bench.validation.capture_warnings import warnings_of_image
+    echoes = recorded.echoes(max(options.frame, 0) + 1)
+    for warning in warnings_of(echoes, CHANNELS):  # they may say why a tone is missing
+        say(f"{options.capture}: {warning}")
+    task = prepare(echoes, chosen, settings, options.frame)
     from handbench.radar.imaging.device import describe
     from handbench.radar.warmup import announce
 
     announce()
-    result = task.image(options.frame)
-    depth = task.with_uncertainty(result.depth, options.frame)
+    depth = task.with_uncertainty(task.image(options.frame), options.frame)
     depth.save(options.out)
-    for warning in warnings_of_image(depth, echoes):
+    for warning in warnings_of(depth, MAP):
         say(f"{options.out}: {warning}")
-    if result.volume is not None and (options.volume is not None or options.check):
-        volume = result.volume()
+    if isinstance(settings, Backprojection) and volume_asked:
+        voxels = volume(echoes, settings, options.frame)
         if options.volume is not None:
-            write_npz(
-                options.volume, volume=volume, x_m=depth.x_m, y_m=depth.y_m, z_m=result.volume_z_m
-            )
+            axes = {f"{name}_m": getattr(settings, name).values_m() for name in "xyz"}
+            write_npz(options.volume, volume=voxels, **axes)
         if options.check:
-            _check(volume, echoes, settings, options)
+            _check(voxels, echoes, settings, options)
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}")
 
 
 def _check(
-    volume: np.ndarray, echoes: RadarCapture, settings: Any, options: argparse.Namespace
+    volume: np.ndarray, echoes: RadarCapture, settings: Backprojection, options: argparse.Namespace
 ) -> None:
     """Compare a volume [nz, ny, nx] with the exact sum over all samples at random voxels, and print
     the relative error.
@@ -69,9 +66,9 @@ def _check(
     is larger than its tolerance."""
     from handbench.radar.imaging.reference import imaging_error
 
-    samples, frequencies_hz = echoes.tones(settings.tones_hz(), options.frame)
+    samples, frequencies_hz = echoes.tones(settings.frequencies_hz, options.frame)
     error = imaging_error(
-        volume, samples, frequencies_hz, echoes.aperture, settings.grid(), options.check
+        volume, samples, frequencies_hz, echoes.aperture, settings.voxels, options.check
     )
     say(
         f"checked at {options.check} random voxels against the exact sum: relative error "

@@ -24,19 +24,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
-from scipy.ndimage import minimum_filter
+from pydantic import Field
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
-from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.methods.depth_uncertainty import Uncertainty, speckle_spread_m
-from handbench.radar.methods.first_depth import with_first_depth
-from handbench.radar.methods.fsk import Tones, first_step, masked_mean
-from handbench.radar.methods.fsk_config import AgreementConfig, JointConfig
+from handbench.radar.methods.backprojection import Backprojection, backprojection
+from handbench.radar.methods.depth_uncertainty import (
+    WRAP_PROBABILITY,
+    Uncertainty,
+    speckle_spread_m,
+)
+from handbench.radar.methods.fsk import Fsk, FskEchoes
+from handbench.radar.methods.pixels import masked_mean, path_gradient_z
+from handbench.radar.methods.settings import OddPixels
+from handbench.support.config import Tone
 
 STEPS = 16  # per range cell, of the search
 ALIGNED = 0.9  # coherence below which a pixel has two depths,
@@ -44,6 +50,40 @@ NONE = 0.8  # and below which it has none
 TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
 NEAR = 0.25  # share of the reach of a repeated search
+CHECKED = 8  # tones of a sweep that are aligned
+
+Edge = Annotated[float, Field(ge=0, le=1, description="pixels behind another one so close go")]
+
+
+class Joint(Fsk):
+    """Settings of the method that uses three or more tones at once: the first two, the closest,
+    find the target's plane, and all together find each pixel's depth."""
+
+    tones_hz: tuple[Tone, ...] = Field(
+        (82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), min_length=3, description="the closest pair first"
+    )
+    off_axis: bool = Field(True, description="use the path's true derivative along z instead of 2")
+    refinements: int = Field(
+        2, ge=1, le=1000, description="times that all tones are imaged and searched"
+    )
+    drop_doubtful: bool = Field(
+        True, description="pixels without coherence, or behind an outline, become NaN"
+    )
+    reach_m: float = Field(
+        0.03, gt=0, le=1, description="of the search before and behind each pixel's depth"
+    )
+    edge_m: Edge = 0.006
+
+
+class Aligned(Backprojection):
+    """Settings of broadband backprojection with refined depths: each pixel's depth is that at which
+    the phases of some tones agree."""
+
+    filter_px: OddPixels = Field(5, description="filter of the result, weighted with power")
+    drop_doubtful: bool = Field(
+        True, description="pixels without coherence, or behind an outline, become NaN"
+    )
+    edge_m: Edge = 0.006
 
 
 class Alignment(NamedTuple):
@@ -67,7 +107,7 @@ def align(
     """Find, for n pixels, the shift along z within ±reach_m at which the images [f, n] of f ≥ 3
     tones have the same phase: an `Alignment`.
 
-    rise [n]: growth of the path there and back per metre along z (`radar.methods.fsk.path_rise`).
+    rise [n]: growth of the path there and back per metre along z (`path_gradient_z`).
     reach_m: None for a range cell c/2B, but at most half of the period of evenly spaced tones.
     """
     k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
@@ -101,7 +141,7 @@ def align(
 
 
 def filter_by_agreement(
-    depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: AgreementConfig
+    depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: Joint | Aligned
 ) -> DepthMap:
     """Average a depth map over neighbouring pixels, and add its predicted 1σ and flags: the new
     depth map.
@@ -123,11 +163,9 @@ def filter_by_agreement(
         np.where(dropped, np.nan, values_m) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
     )
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
-    speckle_m = speckle_spread_m(
-        grid.points_m(z_m), np.sqrt(power), config.fine_filter_px, config.spread_px
-    )
+    speckle_m = speckle_spread_m(grid.points_m(z_m), np.sqrt(power), config.filter_px)
     wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
-    smooth_m = masked_mean(z_m, config.fine_filter_px, power)
+    smooth_m = masked_mean(z_m, config.filter_px, power)
     return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)
 
 
@@ -138,48 +176,70 @@ def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.
     At such an outline, the side lobes of bright surfaces behind are stronger than the dark edge
     itself.
     """
+    from scipy.ndimage import minimum_filter
+
     nearest_m = minimum_filter(
         np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
     )
     return np.asarray(z_m > nearest_m + gap_m)
 
 
-def joint(capture: RadarCapture, config: JointConfig, frame: int = 0) -> DepthMap:
+def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
     """Compute the depth map of a frame from three or more tones at once, with predicted 1σ and
     flags. Raises HandbenchError for a capture without the configured tones.
 
     The shift along z that aligns the phases of all tones is searched within config.reach_m of the
     depths of the first two tones. The pixels are then imaged at the depths found, and a smaller
-    shift is searched; this is repeated config.fine_refinements times in all.
+    shift is searched; this is repeated config.refinements times in all.
     """
-    config = with_first_depth(capture, config, frame)
-    tones = Tones.of(capture, config, frame)
-    grid, step, uncertainty = tones.grid, first_step(tones), Uncertainty(tones)
-    z_m, amplitude = uncertainty.add(step), step.amplitude
-    doubtful, reach_m = uncertainty.wrapped, config.reach_m
-    for _ in range(config.fine_refinements):
-        step = tones.surface(masked_mean(z_m, config.coarse_filter_px, amplitude**2))
+    echoes = FskEchoes.of(capture, config, frame)
+    config = echoes.config
+    step, uncertainty = echoes.first_step(), Uncertainty(config)
+    uncertainty.add(step)
+    z_m, amplitude, doubtful = step.z_m, step.amplitude, uncertainty.wrapped
+    grid, tones_hz = config.pixels, echoes.frequencies_hz[: len(config.tones_hz)]
+    reach_m = config.reach_m
+    for _ in range(config.refinements):
+        step = echoes.image(masked_mean(z_m, config.filter_px, amplitude**2), len(tones_hz))
         rise = np.broadcast_to(2 / step.factor, len(step.index))
-        found = align(step.images, tones.frequencies_hz, rise, reach_m)
+        found = align(step.images, tones_hz, rise, reach_m)
         z_m, sigma_m = (
             grid.on_map(step.index, values_m)
             for values_m in (step.formed_m + found.shift_m, found.sigma_m)
         )
         coherence, amplitude = grid.on_map(step.index, found.coherence, 0.0), step.amplitude
-        doubtful = doubtful | (
-            grid.on_map(step.index, found.other > config.wrap_probability, 0) > 0
-        )
+        doubtful = doubtful | (grid.on_map(step.index, found.other > WRAP_PROBABILITY, 0) > 0)
         if config.drop_doubtful and (coherence >= NONE).any():
             z_m[coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
     db, settings = amplitude_db(amplitude), config.model_dump()
     depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, doubtful)
-    depth = filter_by_agreement(depth, coherence, float(np.ptp(tones.frequencies_hz)), config)
+    depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)
     seen = db >= config.threshold_db  # at the final depth, not in the first plane
     z_m, sigma_m = (
         np.where(seen, values_m, np.nan) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
     )
     return replace(depth, z_m=z_m, sigma_m=sigma_m, wrapped=seen & np.asarray(depth.wrapped))
+
+
+def broadband_aligned(capture: RadarCapture, config: Aligned, frame: int = 0) -> DepthMap:
+    """Compute the depth map of a frame by broadband backprojection, where each depth is shifted to
+    the one at which the phases of CHECKED of the tones agree, with predicted 1σ and flags."""
+    from handbench.radar.imaging.api import image_points  # numba, which settings do not need
+
+    depth, grid = backprojection(capture, config, frame), config.pixels
+    samples, hz = capture.tones(config.frequencies_hz, frame)
+    some, samples = even_subset(len(hz), CHECKED), scaled_to_one(samples)
+    index = np.flatnonzero(np.isfinite(depth.z_m))
+    points_m = grid.points_at_m(index, depth.z_m.ravel()[index])
+    images = image_points(samples[some], hz[some], capture.aperture, points_m, None, apart=True)
+    found = align(images, hz[some], path_gradient_z(points_m, capture.aperture))
+    z_m, sigma_m = (
+        grid.on_map(index, values_m) for values_m in (points_m[:, 2] + found.shift_m, found.sigma_m)
+    )
+    coherence, bandwidth_hz = grid.on_map(index, found.coherence, 1.0), float(np.ptp(hz[some]))
+    depth = replace(depth, z_m=z_m, sigma_m=sigma_m)
+    return filter_by_agreement(depth, coherence, bandwidth_hz, config)
 
 
 def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:

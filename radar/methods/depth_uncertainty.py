@@ -24,13 +24,13 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.first_depth import with_first_depth
-from handbench.radar.methods.fsk import FskStep, Tones, fsk, masked_mean
-from handbench.radar.methods.fsk_config import AnyConfig, FskConfig, RefinedConfig
+from handbench.radar.methods.fsk import Fsk, FskEchoes, FskStep, fsk, reach_hz
+from handbench.radar.methods.pixels import masked_mean
 
 # below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
 FEW = 100
+SPREAD_PX = 9  # window over which the mean square of errors is averaged: two resolution cells
+WRAP_PROBABILITY = 0.1  # that a pixel is a period off, above which it is flagged
 # least window of the local mean from which a pixel's own error is measured
 LOCAL_PX = 5
 # a filter that moves a pixel by more has mixed two surfaces
@@ -63,7 +63,9 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
     return SPEED_OF_LIGHT_M_S * ratio / (4 * np.pi * difference_hz)
 
 
-def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) -> np.ndarray:
+def spread_m(
+    quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int = SPREAD_PX
+) -> np.ndarray:
     """Predict the standard deviation (1σ) of depths [ny, nx], metres, from their quadrature steps:
     these are depth errors that the amplitude difference of two tones shows.
 
@@ -82,19 +84,16 @@ def spread_m(quadrature_m: np.ndarray, amplitude: np.ndarray, window_px: int) ->
     return sigma_m
 
 
-def speckle_spread_m(
-    points_m: np.ndarray, amplitude: np.ndarray, filter_px: int, spread_px: int
-) -> np.ndarray:
+def speckle_spread_m(points_m: np.ndarray, amplitude: np.ndarray, filter_px: int) -> np.ndarray:
     """Predict the standard deviation (1σ) of the depth that is due to speckle: [ny, nx], metres.
     Speckle can turn all tones of a pixel by the same phase, so that the tones do not show it.
 
     It is estimated from how far the surface's points [ny, nx, 3] deviate in distance from their
-    mean over filter_px pixels (LOCAL_PX at least). spread_px: window over which the mean square of
-    these deviations is averaged.
+    mean over filter_px pixels (LOCAL_PX at least).
     """
     distance_m = np.linalg.norm(points_m, axis=-1)  # one in all of a scatterer's lobe
     local_m = distance_m - masked_mean(distance_m, max(filter_px, LOCAL_PX), amplitude**2)
-    return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude, spread_px)
+    return spread_m(np.clip(local_m, -OTHER_SURFACE_M, OTHER_SURFACE_M), amplitude)
 
 
 def incoherent(sigma_m: np.ndarray, ambiguity_m: np.ndarray | float) -> np.ndarray:
@@ -124,13 +123,12 @@ def wrap_probability(
         return 1 / (1 + np.exp(2 * ambiguity_m * (ambiguity_m - np.abs(step_m)) / variance_m2))
 
 
-def fsk_with_uncertainty(capture: RadarCapture, config: AnyConfig, frame: int = 0) -> DepthMap:
+def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> DepthMap:
     """Compute the depth map of a frame by an FSK method, with predicted 1σ and flags for pixels
-    that may be wrong. With config.drop_wrapped, flagged pixels become NaN after each imaging
+    that may be wrong. With config.drop_doubtful, flagged pixels become NaN after each imaging
     step."""
-    config = with_first_depth(capture, config, frame)
-    uncertainty = Uncertainty(Tones.of(capture, config, frame))
-    if isinstance(config, RefinedConfig) and config.drop_wrapped:
+    uncertainty = Uncertainty(config)
+    if config.drop_doubtful:
         depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
     else:
         depth, steps = fsk(capture, config, frame)
@@ -148,21 +146,21 @@ class Uncertainty:
     phase may have wrapped or is noise. Both are on the grid of the steps.
     """
 
-    def __init__(self, tones: Tones) -> None:
-        self.tones, self.config = tones, tones.config
+    def __init__(self, config: Fsk) -> None:
+        self.config = config
         self.last: FskStep | None = None
         self.quadrature_m = self.wrapped = np.zeros((0, 0))
 
     def add(self, step: FskStep) -> np.ndarray:
         """Update errors and flags with the next imaging step, and return its depths [ny, nx],
-        metres: NaN off target and, with config.drop_wrapped, at flagged pixels."""
-        if self.last is not None and isinstance(self.config, RefinedConfig):
-            self.wrapped = self._surface(step, self.last, self.config)
+        metres: NaN off target and, with config.drop_doubtful, at flagged pixels."""
+        if self.last is not None:
+            self.wrapped = self._surface(step, self.last)
         self.quadrature_m = quadrature_m(step)
         if self.last is None:
             self.wrapped = self._plane(step)
         self.last = step
-        if not (isinstance(self.config, RefinedConfig) and self.config.drop_wrapped):
+        if not self.config.drop_doubtful:
             return step.z_m
         self.quadrature_m[self.wrapped] = np.nan
         return np.where(self.wrapped, np.nan, step.z_m)
@@ -171,18 +169,15 @@ class Uncertainty:
         """Return the final depth map with sigma_m, the predicted 1σ, and `wrapped`, the flags."""
         step = self.last
         assert step is not None
-        if not isinstance(self.config, RefinedConfig):
+        if len(self.config.tones_hz) == 2:
             sigma_m = self._sigma_m(step, self.quadrature_m)
         else:  # two estimates of the same error: the larger one counts
-            filter_px, spread_px = self.config.fine_filter_px, self.config.spread_px
-            filtered_m = step.filtered(self.quadrature_m, filter_px, self.config.weighted)
-            sigma_m = self._sigma_m(step, filtered_m)
+            sigma_m = self._sigma_m(step, step.filtered(self.quadrature_m))
             points_m = step.grid.points_m(np.where(np.isfinite(sigma_m), step.z_m, np.nan))
-            sigma_m = np.fmax(
-                sigma_m, speckle_spread_m(points_m, step.amplitude, filter_px, spread_px)
-            )
-        if step.again is not None:
-            depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth, self.config))
+            speckle_m = speckle_spread_m(points_m, step.amplitude, self.config.filter_px)
+            sigma_m = np.fmax(sigma_m, speckle_m)
+        if len(step.again):
+            depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth))
         return replace(depth, sigma_m=sigma_m, wrapped=self.wrapped)
 
     def _plane(self, step: FskStep) -> np.ndarray:
@@ -192,47 +187,48 @@ class Uncertainty:
         behind has the sharper image.
         """
         sigma_m = self._sigma_m(step, self.quadrature_m).ravel()[step.index]
-        noise = incoherent(sigma_m, step.period_m / 2 * step.factor)
+        noise = incoherent(sigma_m, half_period_m(step) * step.factor)
         if np.count_nonzero(noise) > NOISY * len(noise):  # the rest are peaks of the noise
             noise[:] = True
         behind_the_array = step.z_m <= 0
         noise = step.grid.on_map(step.index, noise, 0) > 0
-        return noise | behind_the_array | _sharper_elsewhere(step, self.tones)
+        return noise | behind_the_array | _sharper_elsewhere(step)
 
-    def _surface(self, step: FskStep, before: FskStep, config: RefinedConfig) -> np.ndarray:
+    def _surface(self, step: FskStep, before: FskStep) -> np.ndarray:
         """Flag pixels of a later imaging step, `before` being the one before it: boolean [ny, nx].
 
         Flagged are pixels that were flagged before, those where the depths from the last tone with
         the first and with the second tone disagree, and those whose depth may be off by a period.
         """
         if len(step.images) > len(before.images):
-            filter_px = config.coarse_filter_px
-            self.quadrature_m = before.filtered(self.quadrature_m, filter_px, config.weighted)
+            self.quadrature_m = before.filtered(self.quadrature_m)
         # The rung below, imaged at the same points, shows wrong starting depths: a filter crossed
         # an edge.
         amplitude = step.grid.on_map(step.index, np.abs(step.images[:-1]).mean(axis=0), 0.0)
-        below = step._replace(
-            frequencies_hz=step.frequencies_hz[:-1], images=step.images[:-1], amplitude=amplitude
-        )
-        half_period_m = step.period_m / 2
+        below = replace(step, images=step.images[:-1], amplitude=amplitude)
         steps_m = step.correction_m, step.correction_m - below.correction_m
         sigmas_m = (
             self._sigma_m(before, self.quadrature_m),
             self._sigma_m(below, quadrature_m(below)),
         )
-        ambiguity_m = half_period_m * step.factor
+        ambiguity_m = half_period_m(step) * step.factor
         probability = np.maximum(
             *(
                 wrap_probability(step_m, sigma_m.ravel()[step.index], ambiguity_m)
                 for step_m, sigma_m in zip(steps_m, sigmas_m, strict=True)
             )
         )
-        parted = np.ptp(step.steps_m(), axis=0) > half_period_m  # one of two has wrapped
-        flags = parted | (probability > config.wrap_probability)
+        parted = np.ptp(step.steps_m(), axis=0) > half_period_m(step)  # one of two has wrapped
+        flags = parted | (probability > WRAP_PROBABILITY)
         return self.wrapped | (step.grid.on_map(step.index, flags, 0) > 0)
 
     def _sigma_m(self, step: FskStep, quadrature_m: np.ndarray) -> np.ndarray:
-        return spread_m(quadrature_m, step.amplitude, self.config.spread_px)
+        return spread_m(quadrature_m, step.amplitude)
+
+
+def half_period_m(step: FskStep) -> float:
+    """Return the unambiguous range ±c / 4Δf, metres on the axis, of the last tone's depths."""
+    return float(SPEED_OF_LIGHT_M_S / (4 * reach_hz(step.frequencies_hz)))
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
@@ -243,7 +239,7 @@ def quadrature_m(step: FskStep) -> np.ndarray:
     return step.grid.on_map(step.index, errors_m)
 
 
-def velocity_sigma_m_s(step: FskStep, depth: DepthMap, config: FskConfig) -> np.ndarray:
+def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
     """Predict the standard deviation (1σ) of the velocities of a depth map [ny, nx], m/s, from the
     imaging step that they were measured in.
 
@@ -252,17 +248,15 @@ def velocity_sigma_m_s(step: FskStep, depth: DepthMap, config: FskConfig) -> np.
     antennas more than to others, which see another part of the velocity. Share and factor are those
     with which 95 % intervals hold for hands that turn, approach, wave and tremble at 0 to 0.2 m/s.
     """
-    assert step.again is not None and depth.velocity_limit_m_s is not None
+    assert depth.velocity_limit_m_s is not None
     # as of a depth step, with fT = c / 4v in place of Δf
     fT = SPEED_OF_LIGHT_M_S / (4 * depth.velocity_limit_m_s)
     noise_m_s = step.grid.on_map(step.index, quadrature_step_m(step.again[1], step.again[0], fT))
-    if isinstance(config, RefinedConfig):
-        noise_m_s = step.filtered(noise_m_s, config.fine_filter_px, config.weighted)
-    noise_m_s = spread_m(noise_m_s, step.amplitude, config.spread_px)
+    noise_m_s = spread_m(step.filtered(noise_m_s), step.amplitude)
     return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * np.asarray(depth.velocity_m_s))
 
 
-def _sharper_elsewhere(step: FskStep, tones: Tones) -> bool:
+def _sharper_elsewhere(step: FskStep) -> bool:
     """Return True if the target seems to be one period before or behind the plane that an imaging
     step has imaged, where the pair of tones has the same phases.
 
@@ -270,21 +264,25 @@ def _sharper_elsewhere(step: FskStep, tones: Tones) -> bool:
     second condition is needed because the wider resolution cells of a farther plane collect the
     echoes of several places.
     """
-    z_m, period_m = float(step.formed_m[0]), step.period_m
-    planes = [_focus(tones, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0]
+    z_m, period_m = float(step.formed_m[0]), 2 * half_period_m(step)
+    planes = [
+        _focus(step.echoes, there_m) for there_m in (z_m - period_m, z_m + period_m) if there_m > 0
+    ]
     own_peak = np.abs(step.images[0]).max()
     higher = [spread_m2 for peak, spread_m2 in planes if peak > SHARPER * own_peak]
-    return bool(higher) and min(higher) < WIDER * _focus(tones, z_m)[1]
+    return bool(higher) and min(higher) < WIDER * _focus(step.echoes, z_m)[1]
 
 
-def _focus(tones: Tones, z_m: float) -> tuple[float, float]:
+def _focus(echoes: FskEchoes, z_m: float) -> tuple[float, float]:
     """Image a plane coarsely at the first tone and measure its focus: (highest amplitude, area in
     m² over which the image is spread). The area is (∫P)² / ∫P² of the power P.
 
     The points are a resolution cell λz/2D apart, and closer around the strongest. They are summed
     exactly, since so few points are not worth a plan.
     """
-    grid, aperture, hz = tones.grid, tones.aperture, tones.frequencies_hz[:1]
+    from handbench.radar.imaging.api import image_points  # numba, which settings do not need
+
+    grid, aperture, hz = echoes.config.pixels, echoes.aperture, echoes.frequencies_hz[:1]
     wide_m = max(np.ptp(leg.position_m, axis=0).max() for leg in aperture.legs)
     cells_per_m = 2 * wide_m * hz[0] / (SPEED_OF_LIGHT_M_S * np.hypot(z_m, wide_m))
     counts = [min(len(axis), 2 + int(np.ptp(axis) * cells_per_m)) for axis in (grid.x_m, grid.y_m)]
@@ -293,7 +291,7 @@ def _focus(tones: Tones, z_m: float) -> tuple[float, float]:
         for axis, n in zip((grid.x_m, grid.y_m), counts, strict=True)
     )
     points = PixelGrid(x_m, y_m).points_m(z_m).reshape(-1, 3)
-    image = partial(image_points, tones.samples[:1], hz, aperture, tolerance=None)
+    image = partial(image_points, echoes.samples[:1], hz, aperture, tolerance=None)
     power = np.abs(image(points)).astype(np.float64) ** 2
     area_m2 = float(np.ptp(x_m) * np.ptp(y_m)) / len(power)
     spread_m2 = power.sum() ** 2 / max((power**2).sum(), TINY_M) * area_m2

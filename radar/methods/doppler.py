@@ -15,14 +15,20 @@ tone, and depths are those at that time.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.methods.pixels import masked_mean
 from handbench.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    from handbench.radar.methods.fsk import FskStep
 
 SAME = 1e-9  # relative difference of two frequencies that are one tone
 
@@ -40,11 +46,6 @@ class Repetition(NamedTuple):
     measured: np.ndarray
     limit_m_s: float
     share: np.ndarray
-
-    def velocity_m_s(self, turned: np.ndarray) -> np.ndarray:
-        """Compute radial velocities v = −cφ/(4πfT), m/s, positive away from the array, from
-        O(T) conj(O(0)) of the repeated tone, of any shape."""
-        return -np.angle(turned) / np.pi * self.limit_m_s
 
     def at_rest(self, images: np.ndarray, again: np.ndarray) -> np.ndarray:
         """Take the motion's phase off images [f, n] of the method's first f tones: they are divided
@@ -83,3 +84,27 @@ def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:
         f"of a frame, which a velocity needs; measure the first tone again after the last, "
         f"{without}"
     )
+
+
+def with_velocity(depth: DepthMap, step: FskStep) -> DepthMap:
+    """Return the depth map with the radial velocities v = −cφ/(4πfT), m/s, positive away from the
+    array, NaN off target; unchanged if no tone is repeated.
+
+    φ is the angle of the mean of O(T) conj(O(0)) over the filter of the result. The path grows by
+    less than 2 per metre along the line from the array's middle, which is corrected (by 3 % for the
+    paper's array at 0.31 m).
+    """
+    repeated, filter_px = step.echoes.repetition, step.echoes.config.filter_px
+    if repeated is None:
+        return depth
+    turned = step.again[1].astype(np.complex128) * np.conj(step.again[0])
+    # of the numbers, not of the angles, which jump where they wrap
+    real, imaginary = (
+        masked_mean(step.grid.on_map(step.index, part), filter_px)
+        for part in (turned.real, turned.imag)
+    )
+    points_m = step.grid.points_at_m(step.index, step.formed_m)
+    cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
+    factor = step.grid.on_map(step.index, 2 * cosine / step.path_gradient_z)
+    velocity_m_s = -np.angle(real + 1j * imaginary) / np.pi * repeated.limit_m_s * factor
+    return replace(depth, velocity_m_s=velocity_m_s, velocity_limit_m_s=repeated.limit_m_s)

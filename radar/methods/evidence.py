@@ -10,10 +10,8 @@ import numpy as np
 
 from handbench.radar.data.arrays import channel_ends
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.grid import Axis
-from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.doppler import repetition
-from handbench.support.config import Config
+from handbench.radar.methods.settings import MethodSettings
 from handbench.support.errors import HandbenchError
 
 POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
@@ -21,35 +19,26 @@ EQUAL = 1e-5  # difference of two tones' samples below which they are copies, wi
 NAMED = 5  # antennas at most that a sentence names
 
 
-def require_evidence(capture: RadarCapture, config: Config, frame: int = 0) -> None:
-    """Raise HandbenchError for a frame whose echoes cannot show depths.
+def require_evidence(capture: RadarCapture, config: MethodSettings, frame: int = 0) -> None:
+    """Raise HandbenchError for a frame whose echoes cannot show depths by a method.
 
-    That is so if a tone that the configuration requests has no echo, if two tones have equal
+    That is so if a tone that the method needs is missing or has no echo, if two tones have equal
     samples, if all antennas with echoes have the same coordinate along an axis with several pixels,
     or if they are all on one line though there are several pixels along x and y. A frame without
     any echo is no error: its depth map is empty.
     """
+    index = capture.tone_index(config.frequencies_hz)
+    if getattr(config, "doppler", False):
+        index = np.append(index, repetition(capture, config.frequencies_hz).measured[1:])
     samples = capture.samples[frame]
     if not samples.any():
         return
-    asked_hz = requested_tones_hz(config)
-    used, used_hz = (
-        (samples, capture.frequencies_hz)
-        if asked_hz is None
-        else (capture.tones(asked_hz, frame)[0], asked_hz)
-    )
-    if asked_hz is not None and getattr(config, "doppler", False):
-        last = repetition(capture, asked_hz).measured[1:]
-        used = np.append(used, samples[last], axis=0)
-        used_hz = np.append(used_hz, capture.frequencies_hz[last])
-    for sentence in tone_problems(used, used_hz):
+    for sentence in tone_problems(samples[index], capture.frequencies_hz[index]):
         raise HandbenchError(f"echoes: in frame {frame}, {sentence}")
     point_m = POINT_WAVELENGTHS * shortest_m(capture)
     *extents_m, width_m = live_extents_m(capture, frame)
-    counts = {}
-    for name, extent_m in zip("xy", extents_m, strict=True):
-        axis = getattr(config, name, None)
-        counts[name] = pixels = axis.count if isinstance(axis, Axis) else 1
+    counts = {"x": config.x.count, "y": config.y.count}
+    for (name, pixels), extent_m in zip(counts.items(), extents_m, strict=True):
         if pixels > 1 and extent_m < point_m:
             raise HandbenchError(
                 f"echoes: in frame {frame}, all antennas with echoes have the same {name}, so the "

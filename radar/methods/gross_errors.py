@@ -22,9 +22,8 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.api import image_points
-from handbench.radar.methods.advice import requested_tones_hz
 from handbench.radar.methods.evidence import unresolved_m
-from handbench.support.config import Config
+from handbench.radar.methods.settings import MethodSettings
 
 GROSS_M = 5e-3
 TONES = 8  # tones that are imaged, evenly chosen from a method's
@@ -33,7 +32,7 @@ LEAST_INCOHERENCE = 0.01  # curvature and slope within a resolution cell cause a
 
 
 def with_p_gross(
-    depth: DepthMap, capture: RadarCapture, config: Config, frame: int = 0
+    depth: DepthMap, capture: RadarCapture, config: MethodSettings, frame: int = 0
 ) -> DepthMap:
     """Return the depth map with p_gross [ny, nx], the probability that a depth is off by more than
     5 mm: NaN off target, 1 for depths behind the array.
@@ -73,17 +72,16 @@ def _step_m(depth: DepthMap) -> np.ndarray:
 
 
 def _tone_images(
-    depth: DepthMap, capture: RadarCapture, config: Config, frame: int, index: np.ndarray
+    depth: DepthMap, capture: RadarCapture, config: MethodSettings, frame: int, index: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Image the pixels with flat indices index [n] at their depths, at N of the method's tones
-    (without any, of the capture's): (images [N, n], k = 4πf/c [N] in rad/m). The phase 4πfvt/c of
+    """Image the pixels with flat indices index [n] at their depths, at N of the method's
+    tones: (images [N, n], k = 4πf/c [N] in rad/m). The phase 4πfvt/c of
     the map's velocities v is taken off."""
-    asked_hz = requested_tones_hz(config)
-    tones_hz = capture.frequencies_hz if asked_hz is None else asked_hz
+    tones_hz = config.frequencies_hz
     tones_hz = tones_hz[even_subset(len(tones_hz), TONES)]
     samples, f = capture.tones(tones_hz, frame)
     points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
-    tolerance = TOLERANCE if getattr(config, "tolerance", TOLERANCE) else None
+    tolerance = TOLERANCE if config.tolerance else None
     images = image_points(
         scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
     ).astype(np.complex128)

@@ -1,232 +1,210 @@
-"""The registry of methods that turn echoes into depth maps: the built-in methods, and those of
-installed plug-ins, by id.
+"""The methods that turn echoes into depth maps: one table of named settings of four functions.
 
-A package becomes a plug-in by an entry point of the group "handbench.methods" that names a module
-which registers methods. handbench registers its own in the same way.
+A variant is one more line here, or an entry of a benchmark with a `name` and a `config`.
 """
 
 from __future__ import annotations
 
-import inspect
-import re
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support.config import Config, checked_name, parse, suggest
+from handbench.radar.methods.alignment import Aligned, Joint, broadband_aligned, joint
+from handbench.radar.methods.backprojection import Backprojection, backprojection
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
+from handbench.radar.methods.first_depth import ENOUGH
+from handbench.radar.methods.fsk import Fsk
+from handbench.radar.methods.settings import MethodSettings
+from handbench.support.config import parse, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash
-from handbench.support.progress import say
 
-GROUP = "handbench.methods"
-OWN = "handbench"  # the distribution whose methods are the built-in ones
 PAPER = (
     "Bräunig et al., An Efficient yet High-Performance Method for Precise Radar-Based "
     "Imaging of Human Hand Poses"
 )
-
-
-@dataclass(frozen=True)
-class Reconstruction:
-    """The result of a method: a depth map; for methods that image a volume, also a function that
-    images the complex volume [nz, ny, nx] it came from, and the volume's depths volume_z_m [nz],
-    metres."""
-
-    depth: DepthMap
-    volume: Callable[[], np.ndarray] | None = None
-    volume_z_m: np.ndarray | None = None
+OURS = f"handbench (docs/methods.md), after {PAPER}"
+PAIR_HZ = (82.0e9, 81.8e9)
+THREE_HZ = (*PAIR_HZ, 79.5e9)
+LADDER_HZ = (*PAIR_HZ, 81.3e9, 79.5e9, 72.0e9)
+LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
+CLIMB = 12.5  # ratio of the third tone's distance to that of the pair: 2.5 GHz in the paper
 
 
 @dataclass(frozen=True)
 class Method:
-    """A registered method: its id, its configuration class, and its function run(capture, config,
-    frame) → Reconstruction.
+    """A method: its id, its name in tables, a line that describes it, its settings with their
+    defaults, and its function (capture, settings, frame) → `DepthMap`.
 
-    summary: one line for listings; title: its name in tables; source: publication or file that
-    describes it; base: id of the method that this one is a variant of, whose sensor-specific
-    settings apply to it; distribution: the plug-in's package (None: built in).
+    source: publication or page that describes it.
     """
 
     id: str
-    config: type[Config]
-    run: Callable[[RadarCapture, Any, int], Reconstruction]
-    summary: str
-    source: str
     title: str
-    base: str | None = None
-    distribution: str | None = None
+    summary: str
+    function: Callable[[RadarCapture, Any, int], DepthMap]
+    defaults: MethodSettings
+    source: str = OURS
 
-    def configure(self, values: dict[str, Any], where: str) -> Config:
-        """Return the method's configuration made of plain values, by name; the others have their
+    def configure(self, values: dict[str, Any], where: str) -> MethodSettings:
+        """Return the method's settings with these plain values, by name; the others have their
         defaults. where: origin of the values, named in error messages. Raises HandbenchError for
         unknown names and invalid values."""
-        return parse(self.config, values, where)
+        return parse(type(self.defaults), {**self.defaults.model_dump(), **values}, where)
+
+    def run(self, capture: RadarCapture, settings: MethodSettings, frame: int = 0) -> DepthMap:
+        """Image a frame of a capture: its depth map."""
+        return replace(self.function(capture, settings, frame), method=self.id)
 
 
-METHODS: dict[str, Method] = {}
-BROKEN: dict[str, str] = {}  # plug-ins that could not be loaded, and why
-_begun: set[str] = set()
+def _plus(tones_hz: tuple[float, ...]) -> Fsk:
+    """All improvements. The second refinement corrects the errors of the first one, which is out of
+    focus."""
+    return Fsk(tones_hz=tones_hz, off_axis=True, weighted=True, refinements=2, drop_doubtful=True)
 
-Run = Callable[[RadarCapture, Any, int], Reconstruction]
 
-
-def register(
-    id: str,
-    config: type[Config],
-    summary: str,
-    source: str = PAPER,
-    base: str | None = None,
-    title: str = "",
-) -> Callable[[Run], Run]:
-    """Return a decorator that registers a function run(capture, config, frame) → Reconstruction as
-    a method; the arguments become the fields of its `Method`.
-
-    Raises HandbenchError for an id that is taken or is no valid name, for an unknown base, and for
-    a configuration that has a parameter without default.
-    """
-
-    def add(run: Run) -> Run:
-        if id in METHODS:
-            raise HandbenchError(
-                f"method '{id}': is registered twice, first by "
-                f"{METHODS[id].distribution or 'handbench'}; choose another id"
-            )
-        try:
-            checked_name(id)
-        except ValueError as error:
-            raise HandbenchError(f"method '{id}': {error}") from None
-        if base is not None and base not in METHODS:
-            raise HandbenchError(
-                f"method '{id}': its base '{base}' is unknown; {suggest(base, list(METHODS))}"
-            )
-        parse(config, {}, f"method '{id}': defaults")
-        METHODS[id] = Method(id, config, run, summary, source, title or id, base)
-        return run
-
-    return add
+_fsk = fsk_with_uncertainty
+METHODS = {
+    method.id: method
+    for method in (
+        Method(
+            "2fsk",
+            "2-FSK",
+            "phase between the images of two tones",
+            _fsk,
+            Fsk(tones_hz=PAIR_HZ, filter_px=1),
+            PAPER,
+        ),
+        Method(
+            "3fsk", "3-FSK", "2-FSK, corrected at every pixel by a third tone", _fsk, Fsk(), PAPER
+        ),
+        Method(
+            "broadband",
+            "broadband",
+            "strongest voxels of a volume of 128 tones",
+            backprojection,
+            Backprojection(),
+            PAPER,
+        ),
+        Method(
+            "narrowband",
+            "narrowband",
+            "the same with the three tones of 3-FSK",
+            backprojection,
+            Backprojection(tones_hz=THREE_HZ),
+            PAPER,
+        ),
+        Method(
+            "3fsk-offaxis",
+            "3-FSK off-axis",
+            "3-FSK with the path's true derivative",
+            _fsk,
+            Fsk(off_axis=True),
+        ),
+        Method(
+            "3fsk-weighted",
+            "3-FSK weighted",
+            "3-FSK with filters weighted by power",
+            _fsk,
+            Fsk(weighted=True),
+        ),
+        Method(
+            "3fsk-plus",
+            "3-FSK plus",
+            "both, refined twice, without wrapped pixels",
+            _fsk,
+            _plus(THREE_HZ),
+        ),
+        Method(
+            "nfsk",
+            "ladder",
+            "ladder: each further tone corrects every pixel",
+            _fsk,
+            Fsk(tones_hz=LADDER_HZ),
+        ),
+        Method(
+            "nfsk-plus",
+            "ladder plus",
+            "the ladder with all that 3fsk-plus has",
+            _fsk,
+            _plus(LADDER_HZ),
+        ),
+        Method(
+            "2fsk-doppler",
+            "2-FSK Doppler",
+            "2-FSK of a moving target, with its velocity",
+            _fsk,
+            Fsk(tones_hz=PAIR_HZ, filter_px=1, doppler=True),
+        ),
+        Method(
+            "3fsk-doppler",
+            "3-FSK Doppler",
+            "3-FSK of a moving target, with its velocity",
+            _fsk,
+            Fsk(doppler=True),
+        ),
+        Method(
+            "nfsk-doppler",
+            "ladder Doppler",
+            "ladder of a moving target, with its velocity",
+            _fsk,
+            Fsk(tones_hz=LADDER_HZ, doppler=True),
+        ),
+        Method(
+            "broadband-subvoxel",
+            "broadband sub-voxel",
+            "broadband with depths between voxels",
+            backprojection,
+            Backprojection(subvoxel=True),
+        ),
+        Method(
+            "broadband-aligned",
+            "broadband aligned",
+            "broadband, depths where the tones' phases agree",
+            broadband_aligned,
+            Aligned(),
+        ),
+        Method("joint", "joint", "the depth at which any number of tones agree", joint, Joint()),
+    )
+}
 
 
 def method(id: str) -> Method:
-    """Look up a method by its id. Raises HandbenchError for an unknown id, naming the most similar
-    one and the plug-ins that could not be loaded."""
-    _load()
+    """Return the method with this id. Raises HandbenchError for an unknown one."""
     if id not in METHODS:
-        missing = f"; these plug-ins could not be loaded: {', '.join(BROKEN)}" if BROKEN else ""
-        raise HandbenchError(f"method: unknown id '{id}'; {suggest(id, list(METHODS))}{missing}")
+        raise HandbenchError(f"method: unknown id '{id}'; {suggest(id, list(METHODS))}")
     return METHODS[id]
-
-
-def methods() -> list[Method]:
-    """List all methods, the built-in ones first, in the order of their registration."""
-    _load()
-    return list(METHODS.values())
 
 
 def titles() -> dict[str, str]:
     """Return the names of all methods in tables: id → title."""
-    return {method.id: method.title for method in methods()}
+    return {method.id: method.title for method in METHODS.values()}
 
 
-def method_key(id: str) -> tuple[str, ...]:
-    """Return hashes and versions that change with the code of the method with this id (see
-    `source_key`); an empty tuple for "" and for ids that are not registered."""
-    _load()
-    return source_key(METHODS[id]) if id in METHODS else ()
+def measured_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Choose settings of 2-FSK, 3-FSK and broadband backprojection for the tones of a capture:
+    values by the settings' names, by the method's id. Left out are methods that the tones do not
+    allow: 3-FSK of two tones, broadband of unevenly spaced ones.
 
-
-def with_version(distribution: str) -> str:
-    """Return a distribution's name with its installed version, such as "numpy 2.1.0"; with "none"
-    if it is not installed."""
-    try:
-        return f"{distribution} {metadata.version(distribution)}"
-    except metadata.PackageNotFoundError:  # an extra that is not installed
-        return f"{distribution} none"
-
-
-@cache
-def source_key(method: Method) -> tuple[str, ...]:
-    """Return hashes and versions that change with a method's code, so that results stored under
-    them are computed anew after a change.
-
-    For a plug-in these cover all Python files of its package, its version and those of its
-    requirements; for a built-in method, all code that its module runs. They are computed once per
-    process. Raises HandbenchError for a method whose code is in no file.
+    The FSK pair is as close as the paper's, if it can be, and 3-FSK's third tone as many times
+    further away.
     """
-    try:
-        file = Path(inspect.getsourcefile(method.run) or "")
-    except TypeError:  # no Python function
-        file = Path()
-    if not file.is_file():
-        raise HandbenchError(
-            f"method '{method.id}': its code is in no file, so handbench cannot notice a change "
-            "of it; define it in a Python file"
-        )
-    if method.distribution is None:
-        return () if _top(method.run.__module__) == OWN else (content_hash(file),)
-    package = sys.modules[_top(method.run.__module__)]
-    roots = sorted({file, *map(Path, getattr(package, "__path__", ()))})
-    files = [
-        path
-        for root in roots
-        for path in ([root] if root.is_file() else sorted(root.rglob("*.py")))
-    ]
-    requirements = metadata.requires(method.distribution) or []
-    required = sorted(re.split(r"[^\w.-]", line, maxsplit=1)[0] for line in requirements)
-    versions = map(with_version, [method.distribution, *required])
-    return *versions, content_hash(*(part for path in files for part in (path.name, path)))
-
-
-def _load() -> None:
-    """Import the modules that register methods, those of handbench and those of plug-ins, once per
-    process. A plug-in that fails is reported in one line, and none of its methods is registered;
-    other methods still work."""
-    if GROUP in _begun:  # also by a plug-in that asks for a method while it is imported
-        return
-    _begun.add(GROUP)
-    points = [
-        (f"{point.dist and point.dist.name}", point.name, point)
-        for point in metadata.entry_points(group=GROUP)
-    ]
-    for distribution, name, point in sorted(
-        points, key=lambda found: (found[0] != OWN, *found[:2])
-    ):
-        before = dict(METHODS)
-        try:
-            point.load()
-            if not any(_top(m.run.__module__) == _top(point.module) for m in METHODS.values()):
-                raise HandbenchError(
-                    f"the module {point.module} registers no method; call handbench's register in "
-                    "it"
-                )
-        except (Exception, SystemExit) as error:  # an import of foreign code may do anything
-            if distribution == OWN:
-                raise
-            METHODS.clear()
-            METHODS.update(before)
-            reason = _reason(error)
-            BROKEN[f"{name} of {distribution}"] = " ".join(reason.split())
-            say(
-                f"plug-in {name} of {distribution}: was not loaded and is left out: "
-                f"{BROKEN[f'{name} of {distribution}']}"
-            )
-        for id in METHODS.keys() - before.keys():
-            METHODS[id] = replace(
-                METHODS[id], distribution=None if distribution == OWN else distribution
-            )
-
-
-def _reason(error: BaseException) -> str:
-    """Describe in words why a plug-in could not be loaded."""
-    return str(error) if isinstance(error, HandbenchError) else f"{type(error).__name__}: {error}"
-
-
-def _top(module: str) -> str:
-    return module.partition(".")[0]
+    tones_hz = np.unique(frequencies_hz)[::-1]
+    if len(tones_hz) < 2:
+        return {}
+    steps_hz = -np.diff(tones_hz)
+    apart = max(1, min(int(LEAST_PAIR_HZ / np.median(steps_hz)), (len(tones_hz) - 1) // 2))
+    pair_hz = tones_hz[[0, apart]]
+    fsk = {"first_depth_m": "auto"} if len(tones_hz) >= ENOUGH else {}
+    chosen: dict[str, dict[str, Any]] = {"2fsk": {"tones_hz": pair_hz.tolist(), **fsk}}
+    if len(tones_hz) > 2:
+        further_hz = tones_hz[apart + 1 :]
+        third = np.abs(further_hz - (tones_hz[0] - CLIMB * np.ptp(pair_hz))).argmin()
+        chosen["3fsk"] = {"tones_hz": [*pair_hz.tolist(), float(further_hz[third])], **fsk}
+    if np.allclose(steps_hz, steps_hz[0], rtol=1e-3, atol=0):
+        sweep = {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0])}
+        chosen["broadband"] = {"tones_hz": {**sweep, "count": len(tones_hz)}}
+    return chosen

@@ -37,15 +37,12 @@ def tones_text(method: MethodFacts) -> str:
     if its settings name none. Settings of captures that differ are all named."""
     texts = []
     for config in method.config.values():
-        settings = pd.Series(
-            [of for key, of in config.items() if key.endswith("_hz")], dtype=object
-        )
-        tones_hz = pd.to_numeric(settings.explode(), errors="coerce").dropna().unique()
-        ghz = [f"{hz / 1e9:g}" for hz in sorted(tones_hz, reverse=True)]
-        if ghz and "count" in config:
-            texts.append(f"{config['count']} tones, {ghz[-1]} to {ghz[0]} GHz")
-        elif ghz:
-            texts.append(f"{', '.join(ghz)} GHz")
+        tones_hz = config.get("tones_hz", ())
+        if isinstance(tones_hz, dict):
+            start_ghz, stop_ghz = (tones_hz[key] / 1e9 for key in ("start_hz", "stop_hz"))
+            texts.append(f"{tones_hz['count']} tones, {start_ghz:g} to {stop_ghz:g} GHz")
+        elif tones_hz:
+            texts.append(f"{', '.join(f'{hz / 1e9:g}' for hz in tones_hz)} GHz")
     return "; ".join(dict.fromkeys(texts))
 
 

@@ -1,0 +1,59 @@
+"""Settings that all methods share: pixels, tones, threshold and tolerance."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from handbench.radar.data.grid import MOST_ON_AXIS, Axis, GridConfig, PixelGrid
+from handbench.support.config import Config, Tone
+
+LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)  # the paper's
+
+
+def _odd(size_px: int) -> int:
+    if not 1 <= size_px <= MOST_ON_AXIS or size_px % 2 == 0:
+        raise ValueError(
+            f"expected an odd number from 1 to {MOST_ON_AXIS}; an even window would shift the map "
+            "by half a pixel"
+        )
+    return size_px
+
+
+OddPixels = Annotated[int, AfterValidator(_odd)]
+
+
+class Sweep(Config):
+    """`count` evenly spaced tones from start_hz to stop_hz, both included."""
+
+    start_hz: Tone = 72e9
+    stop_hz: Tone = 82e9
+    count: int = Field(default=128, ge=2, le=100_000)
+
+
+class MethodSettings(GridConfig):
+    """Settings that all methods have."""
+
+    x: Axis = Field(default=LATERAL, description="pixels")
+    y: Axis = Field(default=LATERAL, description="pixels")
+    tones_hz: tuple[Tone, ...] | Sweep = Sweep()
+    threshold_db: float = Field(
+        default=-10.0, lt=0, description="pixels weaker than this are off target"
+    )
+    tolerance: float | None = Field(
+        default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact"
+    )
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """The tones [f], hertz."""
+        if isinstance(sweep := self.tones_hz, Sweep):
+            return np.linspace(sweep.start_hz, sweep.stop_hz, sweep.count)
+        return np.array(self.tones_hz)
+
+    @property
+    def pixels(self) -> PixelGrid:
+        """The pixels of the depth map."""
+        return PixelGrid(self.x.values_m(), self.y.values_m())
