@@ -6,8 +6,7 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.fsk import fsk
-from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.simulation.scene import Choice, EchoScene
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 
@@ -31,9 +30,7 @@ def explain(scene: EchoScene, choices: tuple[Choice, ...]) -> tuple[Choice, ...]
         return simulate_scene(coarse, tuple(rows), tolerance=TOLERANCE)
 
     x, y, z_m = _box(coarse)
-    config = ThreeToneConfig(
-        x=x, y=y, first_depth_m=z_m, f1_hz=tones_hz[2], f2_hz=tones_hz[1], f3_hz=tones_hz[0]
-    )
+    config = Fsk(x=x, y=y, first_depth_m=z_m, tones_hz=tuple(tones_hz[::-1]))
     whole = simulated()
     changes = {
         row.effect: _changes(whole.capture, simulated(row.effect).capture, config)
@@ -43,9 +40,7 @@ def explain(scene: EchoScene, choices: tuple[Choice, ...]) -> tuple[Choice, ...]
     return tuple(row.model_copy(update=changes.get(row.effect, {})) for row in whole.rows[1:])
 
 
-def _changes(
-    whole: RadarCapture, without: RadarCapture, config: ThreeToneConfig
-) -> dict[str, float | None]:
+def _changes(whole: RadarCapture, without: RadarCapture, config: Fsk) -> dict[str, float | None]:
     """Return the difference of two captures as fields of `Choice`. level_db: power of the
     difference over that of `whole`; depth_mm: mean |Δz| of 3-FSK over the pixels of both maps.
     None: there is no difference, or no such pixel."""
