@@ -19,7 +19,7 @@ import pytest
 from handbench.bench.evaluation import metrics
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.methods.registry import METHODS, method
+from handbench.radar.methods.registry import METHODS
 from handbench.radar.simulation.catalogue import Effect
 from handbench.support.config import Config
 from tests.test_docs import DOCS, FENCE, PAGES, ROOT, blocks
@@ -51,7 +51,7 @@ def prepare(page: str, names: dict[str, Any]) -> None:
         plate = mesh(corners_m + (0.010, -0.020, 0.300), np.array([(0, 2, 1), (0, 3, 2)]))
         write_mesh(Path("mine.ply"), plate)
     if page == "CONTRIBUTING.md":  # what the files that its blocks are added to import
-        for module in ("handbench.radar.methods.presets", "tests.hard_cases.test_smoothing_cases"):
+        for module in ("handbench.radar.methods.registry", "tests.hard_cases.test_smoothing_cases"):
             names |= vars(importlib.import_module(module)) | {"__name__": "page"}
         names |= {"Config": Config, "Effect": Effect, "Imbalance": object}
         names |= {"Metric": metrics.Metric}
@@ -72,8 +72,7 @@ def plain(text: str) -> str:
 
 @pytest.fixture
 def registry():
-    """The built-in methods; those that a page registers are gone afterwards."""
-    method("2fsk")  # loads them
+    """The table of methods; those that a page adds are gone afterwards."""
     known = dict(METHODS)
     yield
     METHODS.clear()

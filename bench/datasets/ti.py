@@ -88,7 +88,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     of `ChirpProfile` that replace those in the folder's .cfg. Raises HandbenchError if the files do
     not agree with the profile.
     """
-    from handbench.radar.methods.registry import measured_settings
+    from handbench.radar.methods.measured_tones import measured_settings
 
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings)

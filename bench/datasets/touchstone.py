@@ -41,7 +41,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
     position, else a list of pairs of antennas. settings: fields of `TouchstoneSettings`. Raises
     HandbenchError for files of another format, or with different frequencies.
     """
-    from handbench.radar.methods.registry import measured_settings
+    from handbench.radar.methods.measured_tones import measured_settings
 
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
     parameter = parse(TouchstoneSettings, settings, "--set").parameter

@@ -27,7 +27,7 @@ from dataclasses import replace
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
@@ -41,7 +41,7 @@ from handbench.radar.methods.depth_uncertainty import (
 )
 from handbench.radar.methods.fsk import Fsk, FskEchoes
 from handbench.radar.methods.pixels import masked_mean, path_gradient_z
-from handbench.radar.methods.settings import OddPixels
+from handbench.radar.methods.settings import OddPixels, Sweep
 from handbench.support.config import Tone
 
 STEPS = 16  # per range cell, of the search
@@ -84,6 +84,13 @@ class Aligned(Backprojection):
         True, description="pixels without coherence, or behind an outline, become NaN"
     )
     edge_m: Edge = 0.006
+
+    @field_validator("tones_hz")
+    @classmethod
+    def _alignable(cls, tones_hz: tuple[float, ...] | Sweep) -> tuple[float, ...] | Sweep:
+        if (tones_hz.count if isinstance(tones_hz, Sweep) else len(tones_hz)) < 3:
+            raise ValueError("expected 3 or more tones, whose phases can be aligned")
+        return tones_hz
 
 
 class Alignment(NamedTuple):

@@ -9,14 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.alignment import Aligned, Joint, broadband_aligned, joint
 from handbench.radar.methods.backprojection import Backprojection, backprojection
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.first_depth import ENOUGH
 from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.config import parse, suggest
@@ -30,8 +27,6 @@ OURS = f"handbench (docs/methods.md), after {PAPER}"
 PAIR_HZ = (82.0e9, 81.8e9)
 THREE_HZ = (*PAIR_HZ, 79.5e9)
 LADDER_HZ = (*PAIR_HZ, 81.3e9, 79.5e9, 72.0e9)
-LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
-CLIMB = 12.5  # ratio of the third tone's distance to that of the pair: 2.5 GHz in the paper
 
 
 @dataclass(frozen=True)
@@ -94,7 +89,7 @@ METHODS = {
             "narrowband",
             "the same with the three tones of 3-FSK",
             backprojection,
-            Backprojection(tones_hz=THREE_HZ),
+            Backprojection(tones_hz=THREE_HZ, tolerance=1e-5),
             PAPER,
         ),
         Method(
@@ -182,29 +177,3 @@ def method(id: str) -> Method:
 def titles() -> dict[str, str]:
     """Return the names of all methods in tables: id → title."""
     return {method.id: method.title for method in METHODS.values()}
-
-
-def measured_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
-    """Choose settings of 2-FSK, 3-FSK and broadband backprojection for the tones of a capture:
-    values by the settings' names, by the method's id. Left out are methods that the tones do not
-    allow: 3-FSK of two tones, broadband of unevenly spaced ones.
-
-    The FSK pair is as close as the paper's, if it can be, and 3-FSK's third tone as many times
-    further away.
-    """
-    tones_hz = np.unique(frequencies_hz)[::-1]
-    if len(tones_hz) < 2:
-        return {}
-    steps_hz = -np.diff(tones_hz)
-    apart = max(1, min(int(LEAST_PAIR_HZ / np.median(steps_hz)), (len(tones_hz) - 1) // 2))
-    pair_hz = tones_hz[[0, apart]]
-    fsk = {"first_depth_m": "auto"} if len(tones_hz) >= ENOUGH else {}
-    chosen: dict[str, dict[str, Any]] = {"2fsk": {"tones_hz": pair_hz.tolist(), **fsk}}
-    if len(tones_hz) > 2:
-        further_hz = tones_hz[apart + 1 :]
-        third = np.abs(further_hz - (tones_hz[0] - CLIMB * np.ptp(pair_hz))).argmin()
-        chosen["3fsk"] = {"tones_hz": [*pair_hz.tolist(), float(further_hz[third])], **fsk}
-    if np.allclose(steps_hz, steps_hz[0], rtol=1e-3, atol=0):
-        sweep = {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0])}
-        chosen["broadband"] = {"tones_hz": {**sweep, "count": len(tones_hz)}}
-    return chosen

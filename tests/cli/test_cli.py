@@ -14,7 +14,7 @@ from handbench.cli.options import COMMANDS
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
-from handbench.radar.methods.registry import methods
+from handbench.radar.methods.registry import METHODS
 from handbench.radar.simulation.catalogue import EFFECTS
 from tests.cli.conftest import PIXELS
 
@@ -194,7 +194,7 @@ def test_list_has_a_line_for_each_thing_and_each_thing_in_full(capsys, monkeypat
     names = [line.split()[0] for line in listing]
     assert {"3fsk", "mae_mm", "paper_table", "noise", "touchstone"} < set(names)
     for section, name, words in (
-        ("methods", "3fsk", ("f3_hz = 79.5e9", "third tone")),
+        ("methods", "3fsk", ("tones_hz = [82e9, 81.8e9, 79.5e9]", "the closest pair first")),
         ("metrics", "mae_mm", ("mean of |z − z_ref|",)),
         ("effects", "noise", ("thermal noise", "source")),
     ):
@@ -203,9 +203,9 @@ def test_list_has_a_line_for_each_thing_and_each_thing_in_full(capsys, monkeypat
         assert all(word in entry for word in words)
 
 
-@pytest.mark.parametrize("method", methods(), ids=lambda method: method.id)
+@pytest.mark.parametrize("method", METHODS.values(), ids=lambda method: method.id)
 def test_every_parameter_of_a_method_has_a_meaning(method):
-    assert all(field.description for field in method.config.model_fields.values())
+    assert all(field.description for field in type(method.defaults).model_fields.values())
 
 
 def test_doctor_fits_a_screen(capsys, monkeypatch):

@@ -110,7 +110,7 @@ def depth_map(id: str, taken: RadarCapture, half_m: float = HALF_M, **values: An
 
 def imaged(id: str, taken: RadarCapture, frame: int = 0, **values: Any) -> DepthMap:
     """A method's depth map with these values of its configuration."""
-    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), frame).depth
+    return method(id).run(taken, method(id).configure(values, f"hard case of '{id}'"), frame)
 
 
 def middle(values: np.ndarray) -> Any:

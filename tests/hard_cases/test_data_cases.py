@@ -11,8 +11,8 @@ import numpy as np
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD
-from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD, WRAP_PROBABILITY
+from handbench.radar.methods.fsk import Fsk
 from tests.hard_cases.cases import U_SINGLE, Seen, Works, hard_case, refusal
 from tests.hard_cases.scenes import (
     FSK,
@@ -41,7 +41,7 @@ DRAWS = 4
 # Where `radar.methods.depth_uncertainty.incoherent` begins.
 SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD
 CHANNELS = ((0, 0), (5, 6), (11, 2))
-PAPER = ThreeToneConfig()
+PAPER = Fsk()
 
 
 def _alone_mm(t: int, r: int) -> float:
@@ -196,7 +196,7 @@ def _drowned(id: str, snr_db: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     samples = echoes(bumpy_points(), frequencies_hz=LADDER_HZ)
     # No plan for points that noise scatters.
     values: dict[str, Any] = {"half_m": 0.02, "first_depth_m": POINT_M[2], "tolerance": None}
-    values |= {} if id == "2fsk" else {"fine_filter_px": 1}
+    values |= {} if id == "2fsk" else {"filter_px": 1}
     clean = depth_map(id, capture(samples, LADDER_HZ), **values)
     points = PixelGrid(clean.x_m, clean.y_m).points_m(POINT_M[2]).reshape(-1, 3)
     top = exact_images(
@@ -236,7 +236,7 @@ def test_sigma_follows() -> Seen:
 @hard_case(
     "depths that noise has made up",
     kind="derived",
-    bound=PAPER.wrap_probability,
+    bound=WRAP_PROBABILITY,
     unit="1",
     quantity="share of pixels off by half a period without flag",
     reference="the flag's probability",

@@ -10,11 +10,10 @@ import numpy as np
 from flint import arb
 
 from handbench.radar.data.arrays import qar50
-from handbench.radar.data.grid import PixelGrid
+from handbench.radar.data.grid import Axis, PixelGrid
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.depth_uncertainty import wrap_probability
-from handbench.radar.methods.fsk import depth_step_m
-from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty, wrap_probability
+from handbench.radar.methods.fsk import Fsk, depth_step_m, fsk
 from tests.hard_cases.cases import U_SINGLE, Seen, U, Works, hard_case, refusal
 from tests.hard_cases.scenes import (
     FSK,
@@ -42,7 +41,7 @@ FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
 OFFSETS_MM = (-1000, -700, -400, -370, -200, -100, -10, 10, 100, 200, 370, 400, 700, 1000)
 NEAREST_M = 0.14  # a first plane as near as the aperture is wide
 BESIDE_M = np.hypot(POINT_M[2], HALF_M) - POINT_M[2]  # what a pixel beside the point sees it nearer
-PAPER = ThreeToneConfig()
+PAPER = Fsk()
 NEARER_M = [
     POINT_M[2] + off / 1000 for off in OFFSETS_MM if off < 0 and POINT_M[2] + off / 1000 > NEAREST_M
 ]
@@ -117,10 +116,12 @@ def test_coarse_error() -> Seen:
         points = np.stack([x, y, np.where(x < 0, 0.26, far_m)], axis=-1).reshape(-1, 3)
         taken = recorded(points, PAPER_HZ, qar50())  # a thin array's lobes would meddle
         for size in (15, 31):
-            values = {"coarse_filter_px": size, "fine_filter_px": 1, "first_depth_m": 0.3}
-            depth = depth_map("3fsk", taken, half_m=0.024, **values)
+            axis = Axis(start_m=-0.024, stop_m=0.024, step_m=STEP_M)
+            config = Fsk(x=axis, y=axis, filter_px=size, first_depth_m=0.3)
+            depth = fsk_with_uncertainty(taken, config)
+            z_m = fsk(taken, config)[1][-1].z_m  # before the last filter
             off_m, beside = (
-                np.abs(depth.z_m - np.where(depth.x_m < 0, 0.26, far_m)),
+                np.abs(z_m - np.where(depth.x_m < 0, 0.26, far_m)),
                 np.abs(depth.x_m) > CELL_M,
             )
             yield from by_flag(
@@ -143,7 +144,7 @@ def test_tones_meet() -> Seen:
         tones = np.array([82e9, 82e9 - difference_hz])
         taken = recorded(POINT_M, tones)
         depth = depth_map(
-            "2fsk", taken, f1_hz=tones[0], f2_hz=tones[1], tolerance=None, first_depth_m=0.28
+            "2fsk", taken, tones_hz=tones.tolist(), tolerance=None, first_depth_m=0.28
         )
         metres = C / (4 * np.pi * difference_hz)
         yield (
@@ -158,12 +159,10 @@ def test_equal_tones() -> Works:
     refused."""
     twice = [82e9, 82e9, 79.5e9]
     for id, measured_hz, values, words in (
-        ("2fsk", twice, {"f2_hz": 82e9}, "same nearest tone"),
-        ("nfsk", LADDER_HZ, {"tones_hz": twice}, "0 GHz"),
-        ("3fsk-plus", LADDER_HZ, {"f2_hz": 82e9 + 1.0}, "same nearest tone"),
-        ("3fsk", LADDER_HZ, {"f3_hz": 81.8e9}, "same nearest tone"),
-        ("3fsk", LADDER_HZ, {"f3_hz": 82e9}, "same nearest tone"),
-        ("2fsk", LADDER_HZ, {"f2_hz": 82e9}, "same nearest tone"),
+        ("2fsk", twice, {"tones_hz": [82e9, 82e9]}, "closest pair first"),
+        ("nfsk", LADDER_HZ, {"tones_hz": twice}, "closest pair first"),
+        ("3fsk-plus", LADDER_HZ, {"tones_hz": [82e9, 82e9 + 1.0, 79.5e9]}, "same nearest tone"),
+        ("3fsk", LADDER_HZ, {"tones_hz": [82e9, 81.8e9, 81.8e9]}, "closest pair first"),
     ):
         yield (
             f"{id}, {values}",

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from handbench.radar.methods.fsk import masked_mean
+from handbench.radar.methods.pixels import masked_mean
 from tests.hard_cases.cases import Seen, U, hard_case
 from tests.references.balls import Balls, balls, off
 

@@ -167,7 +167,7 @@ def two_tone(
     echoes: Echoes, x_m: np.ndarray, y_m: np.ndarray, config: dict, frame: int = 0
 ) -> list[np.ndarray]:
     """2-FSK with one correction of z_e: depths and amplitudes [ny, nx]."""
-    f = np.array([config["f1_hz"], config["f2_hz"]])
+    f = np.array(config["tones_hz"][:2])
     z_e = config["first_depth_m"]
     for last in (False, True):
         images = echoes.images(points(x_m, y_m, z_e).reshape(-1, 3), f, frame)
@@ -192,24 +192,21 @@ def three_tone(
 ) -> list[np.ndarray]:
     """3-FSK from the smoothed 2-FSK depth, with its last averaging filter: depths and amplitudes
     [ny, nx]."""
-    f1, f2, f3 = f = np.array([config[f"f{i}_hz"] for i in (1, 2, 3)])
-    z_m = average(two_tone(echoes, x_m, y_m, config, frame)[0], config["coarse_filter_px"])
+    f1, f2, f3 = f = np.array(config["tones_hz"])
+    z_m = average(two_tone(echoes, x_m, y_m, config, frame)[0], config["filter_px"])
     seen, amplitude = np.isfinite(z_m), np.zeros(z_m.shape)
     o1, o2, o3 = images = echoes.images(points(x_m, y_m, z_m)[seen], f, frame)
     z_m[seen] += (step_m(o1, o3, f1, f3) + step_m(o2, o3, f2, f3)) / 2
     amplitude[seen] = np.abs(images).mean(axis=0)
-    return [average(z_m, config["fine_filter_px"]), amplitude]
+    return [average(z_m, config["filter_px"]), amplitude]
 
 
 def columns(echoes: Echoes, xy_m: np.ndarray, config: dict) -> tuple[np.ndarray, np.ndarray]:
     """Magnitudes [n, nz] of the voxels above pixels [n, 2], all tones summed, and their depths
     [nz]."""
-    many = (
-        np.linspace(config["start_hz"], config["stop_hz"], config["count"])
-        if "count" in config
-        else None
-    )
-    tones_hz = np.array([config[f"f{i}_hz"] for i in (1, 2, 3)]) if many is None else many
+    tones_hz = config["tones_hz"]
+    if isinstance(tones_hz, dict):
+        tones_hz = np.linspace(tones_hz["start_hz"], tones_hz["stop_hz"], tones_hz["count"])
     axis = config["z"]
     z_m = axis["start_m"] + axis["step_m"] * np.arange(
         1 + round((axis["stop_m"] - axis["start_m"]) / axis["step_m"])
@@ -218,7 +215,7 @@ def columns(echoes: Echoes, xy_m: np.ndarray, config: dict) -> tuple[np.ndarray,
         [np.repeat(xy_m, len(z_m), axis=0), np.tile(z_m, len(xy_m))[:, None]], axis=1
     )
     total = np.zeros(len(p), np.complex128)
-    for chunk in np.array_split(tones_hz, max(1, len(tones_hz) // 16)):
+    for chunk in np.array_split(np.array(tones_hz), max(1, len(tones_hz) // 16)):
         total += echoes.images(p, chunk).sum(axis=0)
     return np.abs(total).reshape(len(xy_m), len(z_m)), z_m
 

@@ -20,6 +20,7 @@ from tests.small_benchmark import BENCH, SCENE
 
 AXIS = "{ start_m = -0.02, stop_m = 0.02, step_m = 0.002 }"
 DEPTHS = "{ start_m = 0.27, stop_m = 0.3, step_m = 0.002 }"
+TONES = "{ start_hz = 79.5e9, stop_hz = 82e9, count = 11 }"
 FURTHER = f"""
 [[method]]
 id = "3fsk"
@@ -27,9 +28,9 @@ precision = true
 config = {{ x = {AXIS}, y = {AXIS} }}
 [[method]]
 id = "broadband"
-config = {{ x = {AXIS}, y = {AXIS}, z = {DEPTHS}, start_hz = 79.5e9, stop_hz = 82e9, count = 11 }}
+config = {{ x = {AXIS}, y = {AXIS}, z = {DEPTHS}, tones_hz = {TONES} }}
 """
-SWEEP = "sweep = [{ start_hz = 79.5e9, stop_hz = 82e9, count = 11 }]"
+SWEEP = f"sweep = [{TONES}]"
 
 
 @pytest.fixture(scope="module")

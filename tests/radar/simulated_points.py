@@ -58,7 +58,7 @@ def bumpy(x, y):
 def depth_by(id, capture, pixels, **values):
     """A method's depth map of these pixels with these values of its configuration."""
     config = method(id).configure(pixels | values, "test")
-    return method(id).run(capture, config, 0).depth
+    return method(id).run(capture, config, 0)
 
 
 def around(point_m, half_m=0.012, step_m=0.001) -> dict[str, Axis]:

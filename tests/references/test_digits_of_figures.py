@@ -38,7 +38,7 @@ def test_a_phase_moves_a_depth_by_the_wavelength_of_the_difference(id, last_hz, 
     def depth_m(phase_rad):
         turn = np.where(capture.frequencies_hz == last_hz, phase_rad, 0.0)[:, None, None]
         samples = (capture.samples * np.exp(1j * turn)).astype(np.complex64)
-        return strongest_z_m(chosen.run(replace(capture, samples=samples), config, 0).depth)
+        return strongest_z_m(chosen.run(replace(capture, samples=samples), config, 0))
 
     moved_m = abs(depth_m(STEP_RAD) - depth_m(-STEP_RAD)) / 2
     legs_m = (POINT_M - side_m for side_m in (capture.aperture.tx_m, capture.aperture.rx_m))
@@ -54,7 +54,7 @@ def test_images_in_double_precision_change_no_figure_s_fourth_digit(monkeypatch)
     config = chosen.configure(around(POINT_M, step_m=0.002), "test")
 
     def figures():
-        off_m = np.abs(error_m(chosen.run(capture, config, 0).depth, bumpy))
+        off_m = np.abs(error_m(chosen.run(capture, config, 0), bumpy))
         return np.array([np.nanmean(off_m), np.nanmax(off_m)])
 
     def points(samples, tones_hz, aperture, points_m, *_, **__):

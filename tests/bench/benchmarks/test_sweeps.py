@@ -20,15 +20,17 @@ def swept(folder: Path, *methods: str, only: tuple[str, ...] = ()) -> BenchFile:
 
 
 def test_values_multiply_and_go_into_tables(tmp_path):
-    keys = '"x.step_m,y.step_m" = [1e-3, 2e-3], count = [32, 64], every_nth_antenna = [1, 2]'
+    keys = '"x.step_m,y.step_m" = [1e-3, 2e-3], "tones_hz.count" = [32, 64]'
+    keys += ", every_nth_antenna = [1, 2]"
     method = f'id = "broadband"\nconfig = {{ tolerance = 1e-3 }}\nsweep = {{ {keys} }}'
     settings = swept(tmp_path, method, 'id = "2fsk"').method
     labels = [entry.label for entry in settings]
     assert len(set(labels)) == 2 * 2 * 2 + 1 and labels[-1] == settings[-1].id == "2fsk"
     last, axis = settings[-2], {"start_m": -0.15, "stop_m": 0.15, "step_m": 2e-3}
-    assert last.label == "broadband-xy.step-2mm-count-64-1-of-2-antennas"
-    assert last.title == "broadband, xy.step 2mm, count 64, 1 of 2 antennas"
-    assert last.config == {"tolerance": 1e-3, "x": axis, "y": axis, "count": 64}
+    tones = {"start_hz": 72e9, "stop_hz": 82e9, "count": 64}
+    assert last.label == "broadband-xy.step-2mm-tones_hz.count-64-1-of-2-antennas"
+    assert last.title == "broadband, xy.step 2mm, tones hz.count 64, 1 of 2 antennas"
+    assert last.config == {"tolerance": 1e-3, "x": axis, "y": axis, "tones_hz": tones}
     assert last.every_nth_antenna == 2
     [again] = swept(tmp_path, method, only=(last.label,)).method
     assert again == last

@@ -142,7 +142,7 @@ def test_without_a_box_their_shipped_one_is_moved_to_the_object(mine):
     (mine / "metadata.json").write_text('{"distance_meters": 0.5}')
     z = configuration(mine, "broadband", {}).z
     assert (z.start_m, z.stop_m) == (0.45, 0.6)
-    assert configuration(mine, "3fsk", {}).x == method("3fsk").config().x
+    assert configuration(mine, "3fsk", {}).x == method("3fsk").defaults.x
 
 
 def test_the_alignment_of_the_calibration_stands_in(mine):
@@ -250,7 +250,7 @@ def test_a_pickle_may_name_numpy_s_arrays_and_nothing_else(tmp_path):
 
 
 KERNELS = Path(__file__).with_name("maroon_kernels.npy")
-BROADBAND = {"start_hz": 72e9, "stop_hz": 82e9, "count": 5, "threshold_db": -14.0, "subvoxel": True}
+BROADBAND = {"tones_hz": {"count": 5}, "threshold_db": -14.0, "subvoxel": True}
 
 
 @pytest.mark.parametrize(
@@ -261,8 +261,8 @@ def test_depths_agree_with_those_of_their_kernels(maroon, row, id, config):
     arithmetic of their public code in single precision (cuda/holo_reco_sfcw_optimized.cu,
     extract_depth_parabola_fit); 2-FSK is the paper's formula on their images, without the error
     that all pixels have from their rounded 2πf."""
-    [found] = Imager(maroon, id, config | {"tolerance": None}).images().results
-    off_m = np.abs(found.depth.z_m - np.load(KERNELS)[row])
+    [found] = Imager(maroon, id, config | {"tolerance": None}).images().depths
+    off_m = np.abs(found.z_m - np.load(KERNELS)[row])
     assert np.isfinite(off_m).sum() > 20 and np.nanmedian(off_m) <= 1e-6
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import handbench as hb
 from handbench.radar.data.arrays import AntennaArray, PlanarScan
-from handbench.radar.methods.advice import default_config
+from handbench.radar.methods.measured_tones import measured_settings
 
 RNG = np.random.default_rng(3)
 TONES_HZ = [72e9, 77e9, 82e9]
@@ -15,7 +15,7 @@ SAMPLES = RNG.standard_normal((2, 3, 2, 4, 2)) @ [1, 1j]
 
 def test_an_array(tmp_path):
     times = {"times_s": [0, 1e-3, 2e-3], "frame_times_s": [0, 0.1], "wave_speed_m_s": 2e8}
-    about = {"kind": "other", "distance_m": 0.3, "methods": {"2fsk": {"f1_hz": 77e9}}}
+    about = {"kind": "other", "distance_m": 0.3, "methods": {"2fsk": {"tones_hz": [77e9, 76.8e9]}}}
     hb.save_capture(tmp_path / "out", SAMPLES, TONES_HZ, TX_M, RX_M, **times, **about)
     capture = hb.load(tmp_path / "out")
     assert (capture.name, capture._recorded.about.distance_m) == ("out", 0.3)
@@ -67,15 +67,14 @@ def test_what_does_not_fit_is_refused(tmp_path, change, place):
     ],
 )
 def test_settings_for_few_tones(tones_ghz, methods):
-    assert sorted(default_config(1e9 * np.array(tones_ghz))) == methods
+    assert sorted(measured_settings(1e9 * np.array(tones_ghz))) == methods
 
 
 def test_settings_for_an_even_sweep():
-    chosen = default_config(np.linspace(72e9, 82e9, 101))
+    chosen = measured_settings(np.linspace(72e9, 82e9, 101))
     assert chosen["3fsk"] == {
-        "f1_hz": 82e9,
-        "f2_hz": 81.8e9,
-        "f3_hz": pytest.approx(79.6e9, abs=1e8),
+        "tones_hz": [82e9, 81.8e9, pytest.approx(79.6e9, abs=1e8)],
         "first_depth_m": "auto",
     }
-    assert chosen["broadband"] == {"start_hz": 72e9, "stop_hz": 82e9, "count": 101}
+    sweep = {"start_hz": 72e9, "stop_hz": 82e9, "count": 101}
+    assert chosen["broadband"] == {"tones_hz": sweep}

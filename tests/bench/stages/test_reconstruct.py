@@ -17,8 +17,9 @@ from handbench.bench.stages.score import completed_by
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.methods.projection_config import AlignedConfig, NarrowbandConfig
+from handbench.radar.methods.alignment import Aligned
+from handbench.radar.methods.backprojection import Backprojection
+from handbench.radar.methods.fsk import Fsk
 
 AXIS_M = 1e-3 * np.arange(9.0)
 
@@ -30,7 +31,7 @@ def depth(z_m: np.ndarray) -> DepthMap:
 def test_a_projection_is_averaged_afterwards(tmp_path):
     rng = np.random.default_rng(3)
     z_m = np.where(rng.random((9, 9)) < 0.8, rng.normal(0.3, 1e-3, (9, 9)), np.nan)
-    write_treated(tmp_path, lambda config: depth(z_m), NarrowbandConfig(), depth(z_m))
+    write_treated(tmp_path, lambda config: depth(z_m), Backprojection(), depth(z_m))
     found, reach = read_treated(tmp_path), WINDOW_PX // 2
     np.testing.assert_allclose(found["none"], z_m, rtol=1e-7)  # float32 on the disk
     for y, x in np.argwhere(np.isfinite(z_m)):
@@ -53,16 +54,12 @@ def test_times_are_repeated_for_half_a_second(each_s, more, monkeypatch):
     assert len(found) == 3 + more
 
 
-FILTERED = {"coarse_filter_px": 3, "fine_filter_px": 9, "drop_wrapped": True}
+FILTERED = {"filter_px": 9, "drop_doubtful": True}
 
 
 @pytest.mark.parametrize(
     "settings",
-    [
-        AlignedConfig(threshold_db=-12),
-        ThreeToneConfig(threshold_db=-12),
-        ThreeToneConfig(threshold_db=-12, **FILTERED),
-    ],
+    [Aligned(threshold_db=-12), Fsk(threshold_db=-12), Fsk(threshold_db=-12, **FILTERED)],
 )
 def test_a_method_with_filters_is_imaged_with_the_same_ones_and_its_own_tolerance(
     settings, tmp_path
@@ -72,14 +69,14 @@ def test_a_method_with_filters_is_imaged_with_the_same_ones_and_its_own_toleranc
 
     def image(config) -> DepthMap:
         asked.append(config)
-        return depth(np.full((9, 9), 1e-3 * config.fine_filter_px))
+        return depth(np.full((9, 9), 1e-3 * config.filter_px))
 
     write_treated(tmp_path, image, settings, depth(np.full((9, 9), 5e-3)))
-    seen = {(c.fine_filter_px, c.threshold_db) for c in asked}
-    plain = settings == ThreeToneConfig(threshold_db=-12)
+    seen = {(c.filter_px, c.threshold_db) for c in asked}
+    plain = settings == Fsk(threshold_db=-12)
     own = {(WINDOW_PX, -12)} if plain else set()
     assert seen == {(1, -12), (WINDOW_PX, -12)} - own
-    assert {(getattr(c, "drop_wrapped", False), c.tolerance) for c in asked} == {
+    assert {(getattr(c, "drop_doubtful", False), c.tolerance) for c in asked} == {
         (False, settings.tolerance)
     }
     for name, px in (("none", 1), ("window", WINDOW_PX)):

@@ -6,8 +6,8 @@ import pytest
 from handbench.bench.studies import measure_engine, measure_noise_fit
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.fsk_config import ThreeToneConfig
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.backprojection import Backprojection
+from handbench.radar.methods.fsk import Fsk
 from handbench.radar.simulation.forward import Scatterers
 
 
@@ -15,9 +15,9 @@ def engine(out):
     """On a small volume, with few antennas and scatterers."""
     few = np.random.default_rng(0).uniform(-0.01, 0.01, (60, 3)) + [0, 0, 0.29]
     side, depth = (Axis(start_m=a, stop_m=b, step_m=2e-3) for a, b in ((-0.02, 0.02), (0.28, 0.3)))
-    volume = BroadbandConfig(x=side, y=side, z=depth, count=16)
+    volume = Backprojection(x=side, y=side, z=depth, tones_hz={"count": 16})
     array = AntennaArray(qar50().tx_m[::8], qar50().rx_m[::8])
-    frame = ThreeToneConfig(x=side, y=side)
+    frame = Fsk(x=side, y=side)
     cases = measure_engine.cases(Scatterers(few, np.ones(60)), array, volume, frame)
     rows = [measure_engine.measure(case, repeats=1) for case in cases]
     assert len(rows) == 3 and all(row["relative_error"] < measure_engine.TOLERANCE for row in rows)

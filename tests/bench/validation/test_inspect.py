@@ -91,10 +91,10 @@ CAPTURES: dict[str, tuple[Change, tuple[str, ...]]] = {
         ("capture.toml: unknown key 'kint'.*'kind'", "capture.toml: 'units' is 'mm'"),
     ),
     "method's keys": (
-        described("[methods.2fsk]\nf1_hz = -1.0\nf3_hz = 1e9"),
-        ("capture.toml: .*2fsk.*'f1_hz' is -1.0", "capture.toml: .*2fsk.*unknown key 'f3_hz'"),
+        described("[methods.2fsk]\ntolerance = 1.0\nf3_hz = 1e9"),
+        ("capture.toml: .*2fsk.*'tolerance' is 1.0", "capture.toml: .*2fsk.*unknown key 'f3_hz'"),
     ),
-    "method": (described("[methods.2fks]\nf1_hz = 1e9"), ("capture.toml: .*'2fks'.*'2fsk'",)),
+    "method": (described("[methods.2fks]\ntolerance = 1e-3"), ("capture.toml: .*'2fks'.*'2fsk'",)),
     "contains": (described('contains = ["photos", "no"]'), (".: photos is mis", ".: no is mis")),
     "outside": (described('contains = ["../secret"]'), (r".: .*'\.\./secret'",)),
     "box": (described("box_m = [1, 1, 1, 0, 0, 0]"), ("capture.toml: 'box_m' is",)),
@@ -147,7 +147,7 @@ BENCHES = {
     ),
     "tones": (
         '[[capture]]\nscene = "two.toml"\n[[capture]]\npath = "a"',
-        '[[method]]\nid = "3fsk"\n[[method]]\nid = "2fsk"\nconfig = {f1_hz = 60e9}\n',
+        '[[method]]\nid = "3fsk"\n[[method]]\nid = "2fsk"\nconfig = {tones_hz = [60e9, 59.8e9]}\n',
         (
             "b.toml: capture 's' with method '3fsk': .*79.5000 GHz",
             *(f"b.toml: capture '{name}' with method '2fsk': .*60.0" for name in ("s", "ball")),

@@ -5,8 +5,8 @@ import pytest
 from handbench.bench.benchmarks.benchmark_file import MethodEntry
 from handbench.bench.scenes.scene_file import Photos, Sensor
 from handbench.groundtruth.cameras.cameras import Camera
-from handbench.radar.methods.fsk_config import FskConfig
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.backprojection import Backprojection
+from handbench.radar.methods.fsk import Fsk
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
@@ -26,15 +26,15 @@ def test_coordinates_may_be_as_small_as_rounding_makes_them():
 @pytest.mark.parametrize(
     ("model", "values", "words"),
     [
-        (FskConfig, {"x": axis(1e-9)}, "step_m = 1e-09 makes 1e+09 points"),
-        (FskConfig, {"x": axis(5e-324)}, "'x.step_m' is 5e-324; expected 0 or a size from 1e-30"),
-        (FskConfig, {"x": axis(2e-4), "y": axis(2e-4)}, "axes x, y make 25010001 points"),
-        (BroadbandConfig, {"x": axis(1e-3), "y": axis(1e-3), "z": axis(2e-3)}, "axes x, y, z make"),
-        (BroadbandConfig, {"start_hz": 1e300}, "'start_hz' is 1e+300"),
-        (BroadbandConfig, {"count": 10**9}, "'count' is 1000000000"),
-        (FskConfig, {"first_depth_m": 10**400}, "first_depth_m"),
-        (FskConfig, {"spread_px": 10**9 + 1}, "at most 10000 pixels"),
-        (FskConfig, {"corrections": 10**9}, "'corrections' is 1000000000"),
+        (Fsk, {"x": axis(1e-9)}, "step_m = 1e-09 makes 1e+09 points"),
+        (Fsk, {"x": axis(5e-324)}, "'x.step_m' is 5e-324; expected 0 or a size from 1e-30"),
+        (Fsk, {"x": axis(2e-4), "y": axis(2e-4)}, "axes x, y make 25010001 points"),
+        (Backprojection, {"x": axis(1e-3), "y": axis(1e-3), "z": axis(2e-3)}, "axes x, y, z make"),
+        (Backprojection, {"tones_hz": {"start_hz": 1e300}}, "'tones_hz.start_hz' is 1e+300"),
+        (Backprojection, {"tones_hz": {"count": 10**9}}, "'tones_hz.count' is 1000000000"),
+        (Fsk, {"first_depth_m": 10**400}, "first_depth_m"),
+        (Fsk, {"filter_px": 10**9 + 1}, "from 1 to 10000"),
+        (Fsk, {"corrections": 10**9}, "'corrections' is 1000000000"),
         (MethodEntry, {"id": "2fsk", "config": {"x": {"start_m": 1e300}}}, "'config' is"),
         (MethodEntry, {"id": "2fsk", "every_nth_antenna": 10**30}, "less than or equal to 1000"),
         (MethodEntry, {"id": "a", "command": "a", "limit_s": 1e30}, "'limit_s' is 1e+30"),

@@ -17,7 +17,7 @@ import pandas as pd
 
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.device import describe, use_device
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.backprojection import Backprojection
 from handbench.support.files import write_json, write_text
 from handbench.support.store import versions
 from tests.radar.direct_sums import direct_sum
@@ -28,12 +28,12 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 REPEATS, CHECKED = 10, 1000
 
 
-def measure(volume: BroadbandConfig, tolerance: float, repeats: int = REPEATS) -> dict[str, float]:
+def measure(volume: Backprojection, tolerance: float, repeats: int = REPEATS) -> dict[str, float]:
     """Milliseconds of the first call, with the plan, and of the others (median); relative L2 error
     at random voxels against a direct sum in float64 on the processor. A volume is on the host when
     a call ends, so that the clock holds for a device too."""
-    capture = points_capture(surface_points(bumpy, 0.03, 5e-4), volume.tones_hz())
-    frame, grid = (capture.samples[0], capture.frequencies_hz, capture.aperture), volume.grid()
+    capture = points_capture(surface_points(bumpy, 0.03, 5e-4), volume.frequencies_hz)
+    frame, grid = (capture.samples[0], capture.frequencies_hz, capture.aperture), volume.voxels
     times_ms = []
     for _ in range(1 + repeats):
         start_s = time.perf_counter()
@@ -53,7 +53,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path("runs/gpu"))
     options = parser.parse_args()
     with use_device(options.device):
-        rows = [measure(BroadbandConfig(), tolerance) for tolerance in TOLERANCES]
+        rows = [measure(Backprojection(), tolerance) for tolerance in TOLERANCES]
         facts = {"device": describe(), "versions": versions(), "rows": rows}
     table = pd.DataFrame(rows).to_string(index=False, float_format="{:.3g}".format)
     write_json(options.out / "gpu.json", facts)

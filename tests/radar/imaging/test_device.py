@@ -20,7 +20,7 @@ from handbench.radar.imaging.device import (
     use_device,
 )
 from handbench.radar.imaging.gpu import executor, levels
-from handbench.radar.methods.projection_config import BroadbandConfig
+from handbench.radar.methods.backprojection import Backprojection
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.imaging.cupy_stand_in import cupy_stand_in, has_gpu
@@ -227,5 +227,7 @@ def test_unknown_devices_are_refused(monkeypatch):
 def test_the_measurement_of_a_device(device):
     axis, depth = (Axis(start_m=a, stop_m=b, step_m=1e-3) for a, b in ((-0.01, 0.01), (0.27, 0.29)))
     with use_device(device):
-        found = measure(BroadbandConfig(x=axis, y=axis, z=depth, count=8), 1e-3, repeats=1)
+        found = measure(
+            Backprojection(x=axis, y=axis, z=depth, tones_hz={"count": 8}), 1e-3, repeats=1
+        )
     assert found["error"] < 1e-3 and found["ms"] > 0

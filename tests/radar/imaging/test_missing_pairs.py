@@ -8,7 +8,7 @@ from handbench.radar.data.arrays import AntennaArray, BistaticScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.methods.fsk import path_rise
+from handbench.radar.methods.pixels import path_gradient_z
 from handbench.radar.methods.registry import method
 from tests.radar.direct_sums import direct_echoes, direct_sum
 from tests.radar.samples import noise, relative_error
@@ -46,9 +46,9 @@ def test_every_method_finds_a_point_without_three_tenths_of_the_pairs(id):
     capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, PARTLY)
     axis = Axis(start_m=-0.01, stop_m=0.01, step_m=1e-3)
     values = {"x": axis, "y": axis, "tolerance": 1e-4} | (
-        {"count": 26} if id == "broadband" else {}
+        {"tones_hz": {"count": 26}} if id == "broadband" else {}
     )
-    depth = method(id).run(capture, method(id).configure(values, "test"), 0).depth
+    depth = method(id).run(capture, method(id).configure(values, "test"), 0)
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
     assert (depth.x_m[column], depth.y_m[row]) == pytest.approx(point_m[:2], abs=1e-9)
     # Voxels are 1 mm apart; 2-FSK errs by 2 mm in focus, for the paper takes the path's slope as 2.
@@ -77,9 +77,9 @@ def test_a_point_in_water_is_imaged_where_it_is():
     capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, few, speed)
     axis = {"start_m": -0.02, "stop_m": 0.04, "step_m": 0.005}
     values = {"x": axis, "y": axis, "z": {"start_m": 0.1, "stop_m": 0.14, "step_m": 0.005}}
-    values |= {"start_hz": 2e9, "stop_hz": 4e9, "count": 9}
+    values |= {"tones_hz": {"start_hz": 2e9, "stop_hz": 4e9, "count": 9}}
     broadband = method("broadband")
-    depth = broadband.run(capture, broadband.configure(values, "test"), 0).depth
+    depth = broadband.run(capture, broadband.configure(values, "test"), 0)
     row, column = np.unravel_index(depth.amplitude_db.argmax(), depth.z_m.shape)
     np.testing.assert_allclose(
         [depth.x_m[column], depth.y_m[row], depth.z_m[row, column]], point_m, atol=1e-9
@@ -95,5 +95,5 @@ def test_the_path_s_rise_is_that_of_the_pairs():
         sum(0.3 / np.linalg.norm(p - [*end[:2], 0]) for end in (tx_m[t], rx_m[r]))
         for t, r in np.argwhere(there)
     ]
-    found = path_rise(p[None], AntennaArray(tx_m, rx_m, there))[0]
+    found = path_gradient_z(p[None], AntennaArray(tx_m, rx_m, there))[0]
     assert found == pytest.approx(np.mean(rises), rel=1e-12)

@@ -77,8 +77,8 @@ PLACES_M = ((0.011, -0.007, 0.2874), (-0.12, 0.1, 0.31), (0.14, 0.14, 0.28))
 @pytest.mark.parametrize(
     ("id", "tones_hz", "values"),
     [
-        ("joint", UNEVEN_HZ, {"first_depth_m": 0.3, "fine_filter_px": 1}),
-        ("broadband-aligned", MANY_HZ, {"count": 16}),
+        ("joint", UNEVEN_HZ, {"first_depth_m": 0.3, "filter_px": 1}),
+        ("broadband-aligned", MANY_HZ, {"tones_hz": {"count": 16}}),
     ],
 )
 def test_the_methods_find_a_scatterer_anywhere_in_the_volume(id, tones_hz, values):
@@ -106,8 +106,8 @@ def test_pixels_behind_an_outline_are_marked():
 @pytest.mark.parametrize(
     ("id", "values", "words"),
     [
-        ("broadband-aligned", {"count": 2}, "alignment needs 3 or more tones"),
-        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "three or more tones, all different"),
+        ("broadband-aligned", {"tones_hz": {"count": 2}}, "3 or more tones"),
+        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "closest pair first"),
     ],
 )
 def test_tones_that_cannot_be_aligned_are_refused(id, values, words):

@@ -6,10 +6,11 @@ import pytest
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk_config import TwoToneConfig
+from handbench.radar.methods.fsk import Fsk
+from handbench.radar.methods.registry import PAIR_HZ
 from tests.references.exact.cases import ALONG, SCENES, Case, exact_echoes
 
-TONES_HZ = np.array([82.0e9, 81.8e9])
+TONES_HZ = np.array(PAIR_HZ)
 
 
 @pytest.mark.slow
@@ -18,5 +19,6 @@ def test_four_fingers_are_not_taken_for_a_far_target():
     highlights."""
     case = Case("four fingers", SCENES["four fingers"], "metal", ALONG)
     samples = exact_echoes(case, TONES_HZ, qar50())[None].astype(np.complex64)
-    depth = fsk_with_uncertainty(RadarCapture(samples, TONES_HZ, qar50()), TwoToneConfig())
+    capture = RadarCapture(samples, TONES_HZ, qar50())
+    depth = fsk_with_uncertainty(capture, Fsk(tones_hz=PAIR_HZ, filter_px=1))
     assert np.isfinite(depth.z_m).sum() > 4000 and not depth.wrapped.any()

@@ -9,7 +9,6 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.methods.depth_uncertainty import quadrature_step_m, spread_m
 from handbench.radar.methods.fsk import depth_step_m
-from handbench.radar.methods.projection import NOISE_PASSES, least_coherence
 from handbench.support.errors import HandbenchError
 from tests.strategies import examples
 
@@ -41,33 +40,6 @@ def test_the_amplitudes_tell_how_far_the_phases_are_off(seed, noise_rad, gain, s
     predicted_m = spread_m(quadrature_step_m(b, a, difference_hz), np.ones((60, 60)), 61)
     assert np.median(predicted_m) == pytest.approx(actual_m, rel=0.06 + 0.13 * abs(np.log2(gain)))
     assert actual_m == pytest.approx(SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * noise_rad, rel=0.06)
-
-
-def test_as_much_noise_as_stated_passes_for_an_echo():
-    # 4000 pixels × 11 depths, of which independent ones show in the strongest; 1 % of 4000 is
-    # known to ± 6.
-    generator = np.random.default_rng(3)
-    tones, known = 128, np.linspace(0, 127, 8).round().astype(int)
-    passes = 0
-    for _ in range(8):
-        images = generator.normal(size=(500, 11, tones)) + 1j * generator.normal(
-            size=(500, 11, tones)
-        )
-        power = np.abs(images.sum(axis=2)) ** 2
-        strongest = power.argmax(axis=1)
-        mean = np.mean(np.abs(images[np.arange(500), strongest][:, known]) ** 2, axis=1)
-        passes += np.count_nonzero(
-            power.max(axis=1) > least_coherence(tones, 8, 5.0) * tones**2 * mean
-        )
-    assert 0.4 * NOISE_PASSES < passes / 4000 < 1.3 * NOISE_PASSES
-
-
-def test_three_tones_agree_as_well_in_noise_as_in_an_echo():
-    assert least_coherence(3, 8, 1.3) > 1
-    assert least_coherence(128, 8, 5.3) < 0.1
-    assert (
-        least_coherence(100_000, 8, 5.3) == 0.05
-    )  # a sidelobe's tones agree to 0.047, however many they are
 
 
 def test_flag_and_sigma_survive_the_file_and_old_files_have_none(tmp_path):

@@ -11,7 +11,7 @@ from handbench.bench.pipeline.image import image
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import load_depthmap
-from handbench.radar.methods.advice import require_tones
+from handbench.radar.methods.evidence import require_evidence
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 
@@ -143,7 +143,7 @@ def test_lateral_motion_has_a_radial_part_off_the_axis_alone():
 def test_a_capture_without_velocities_is_refused(changed, words):
     config = method("3fsk-doppler").configure({}, "3fsk-doppler")
     with pytest.raises(HandbenchError, match=words):
-        require_tones(replace(capture(), **changed), config)
+        require_evidence(replace(capture(), **changed), config)
 
 
 def test_a_repeated_tone_without_echo_is_refused():

@@ -5,8 +5,8 @@ import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.first_depth import first_depth_m, with_first_depth
-from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.first_depth import first_depth_m
+from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import exact_capture
@@ -34,7 +34,7 @@ def test_a_method_begins_there():
     for one a period away."""
     capture = exact_capture((0.0, 0.0, 0.85), BESIDE_HZ)
     maps = [
-        method("3fsk").run(capture, ThreeToneConfig(**PIXELS, first_depth_m=begun), 0).depth
+        method("3fsk").run(capture, Fsk(**PIXELS, first_depth_m=begun), 0)
         for begun in (0.45, "auto")
     ]
     nearest_m = [depth.z_m[15, 15] for depth in maps]
@@ -50,7 +50,7 @@ def test_noise_and_few_tones_have_no_first_depth(tones_hz, words):
     noise = np.random.default_rng(1).normal(size=(2, 1, len(tones_hz), 94, 94))
     capture = RadarCapture((noise[0] + 1j * noise[1]).astype(np.complex64), tones_hz, qar50())
     with pytest.raises(HandbenchError, match=words):
-        with_first_depth(capture, TwoToneConfig(first_depth_m="auto"))
+        first_depth_m(capture)
 
 
 @pytest.mark.parametrize("count", [22, 75, 127])
@@ -62,7 +62,5 @@ def test_a_scan_whose_paths_are_whole_steps_has_a_first_depth(count):
     path_m = 2 * np.linalg.norm(scan.position_m - [0, 0, 0.4], axis=1)
     samples = np.exp(-2j * np.pi * np.multiply.outer(tones_hz, path_m / SPEED_OF_LIGHT_M_S))
     capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, scan)
-    found_m = first_depth_m(capture)
-    assert (
-        found_m is not None and abs(found_m - 0.4) < SPEED_OF_LIGHT_M_S / 2 / np.ptp(tones_hz) / 2
-    )
+    off_m = abs(first_depth_m(capture) - 0.4)
+    assert off_m < SPEED_OF_LIGHT_M_S / 2 / np.ptp(tones_hz) / 2

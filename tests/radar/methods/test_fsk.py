@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk import depth_step_m, masked_mean
-from handbench.radar.methods.fsk_config import ThreeToneConfig, TwoToneConfig
+from handbench.radar.methods.fsk import Fsk, depth_step_m, fsk
+from handbench.radar.methods.pixels import masked_mean
+from handbench.radar.methods.registry import PAIR_HZ
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
 from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
@@ -34,7 +35,7 @@ def anywhere(edge_m=0.15):
 @examples(8)
 @given(point_m=anywhere())
 def test_3fsk_with_the_off_axis_term_finds_a_point_anywhere_within_a_tenth_of_a_millimetre(point_m):
-    config = ThreeToneConfig(off_axis=True, fine_filter_px=1, corrections=5)
+    config = Fsk(off_axis=True, filter_px=1, corrections=5)
     depth = fsk_with_uncertainty(point_capture(point_m), config)
     assert abs(strongest_z_m(depth) - point_m[2]) < 1e-4
 
@@ -52,9 +53,8 @@ def test_two_tone_precision_follows_the_phase_noise():
     point_m = (0.0, 0.0, 0.29)
     clean = point_capture(point_m).samples[0]
     strongest = strongest_amplitude(clean[0], TONES_HZ[0], qar50(), np.array([point_m]))
-    config = TwoToneConfig(
-        **around(point_m, half_m=0.0), first_depth_m=0.29
-    )  # in focus from the start
+    pixel = around(point_m, half_m=0.0)
+    config = Fsk(tones_hz=PAIR_HZ, **pixel, first_depth_m=0.29)  # in focus from the start
     depths = []
     for repeat in range(60):
         samples = thermal_noise(clean, TONES_HZ, 0.030, strongest, (1, repeat))
@@ -68,8 +68,8 @@ def test_two_tone_precision_follows_the_phase_noise():
 
 def test_3fsk_is_the_papers_iteration_written_out():
     capture = points_capture(surface_points(bumpy, 0.015, 0.001), phase_noise_rad=0.0264)
-    config = ThreeToneConfig(**around((0, 0)), coarse_filter_px=3, fine_filter_px=1)
-    coarse = fsk_with_uncertainty(capture, TwoToneConfig(**around((0, 0))))
+    config = Fsk(**around((0, 0)), filter_px=3)
+    coarse = fsk_with_uncertainty(capture, Fsk(tones_hz=PAIR_HZ, filter_px=1, **around((0, 0))))
     on_target = np.isfinite(coarse.z_m)
     z_m = masked_mean(coarse.z_m, 3)
     x, y = np.meshgrid(coarse.x_m, coarse.y_m)
@@ -81,20 +81,20 @@ def test_3fsk_is_the_papers_iteration_written_out():
     expected = z_m[on_target] + (from_f1 + from_f2) / 2
     # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5
     # µm.
-    assert np.allclose(
-        fsk_with_uncertainty(capture, config).z_m[on_target], expected, rtol=0, atol=5e-7
-    )
+    depth, (_, step) = fsk(capture, config)
+    assert np.allclose(step.z_m[on_target], expected, rtol=0, atol=5e-7)
+    assert np.array_equal(depth.z_m, masked_mean(step.z_m, 3), equal_nan=True)
 
 
 def test_tones_that_were_not_measured_are_refused():
     with pytest.raises(HandbenchError, match=r"79\.5000 GHz"):
-        fsk_with_uncertainty(point_capture((0, 0, 0.29), TONES_HZ[:2]), ThreeToneConfig())
+        fsk_with_uncertainty(point_capture((0, 0, 0.29), TONES_HZ[:2]), Fsk())
 
 
 @pytest.mark.parametrize("first_depth_m", [0.1, 0.45, 0.6, 0.7, 0.9])
 def test_a_depth_one_period_off_is_flagged(first_depth_m):
     # c/(2·200 MHz) = 750 mm: from ± 375 mm on z_e settles on the next period.
-    config = TwoToneConfig(**around((0, 0)), first_depth_m=first_depth_m)
+    config = Fsk(tones_hz=PAIR_HZ, filter_px=1, **around((0, 0)), first_depth_m=first_depth_m)
     depth = fsk_with_uncertainty(point_capture((0.0, 0.0, 0.28)), config)
     periods = (strongest_z_m(depth) - 0.28) / 0.749481
     assert periods == pytest.approx(1 if first_depth_m > 0.655 else 0, abs=0.01)
@@ -103,4 +103,5 @@ def test_a_depth_one_period_off_is_flagged(first_depth_m):
 
 def test_an_aperture_without_width_has_no_focus_to_tell_by():
     capture = exact_capture((0.0, 0.0, 0.28), array=PlanarScan(np.zeros((1, 3))))
-    assert not fsk_with_uncertainty(capture, TwoToneConfig(**around((0, 0)))).wrapped.any()
+    config = Fsk(tones_hz=PAIR_HZ, filter_px=1, **around((0, 0)))
+    assert not fsk_with_uncertainty(capture, config).wrapped.any()

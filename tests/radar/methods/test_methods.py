@@ -1,13 +1,13 @@
-"""The registered methods: presets of a few functions, each named after itself."""
+"""The table of methods: named settings of a few functions."""
 
 import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.fsk_config import LadderConfig, ThreeToneConfig
-from handbench.radar.methods.projection_config import BroadbandConfig
-from handbench.radar.methods.registry import PAPER, method, methods
+from handbench.radar.methods.backprojection import Backprojection
+from handbench.radar.methods.fsk import Fsk
+from handbench.radar.methods.registry import METHODS, PAPER, method
 from handbench.radar.simulation.forward import Scatterers, simulate
 
 PAPERS = ["2fsk", "3fsk", "broadband", "narrowband"]
@@ -25,9 +25,9 @@ def capture() -> RadarCapture:
     return RadarCapture(samples, hz, qar50(), times_s=1e-3 * np.arange(len(hz)))
 
 
-@pytest.mark.parametrize("name", [m.id for m in methods()])
+@pytest.mark.parametrize("name", list(METHODS))
 def test_every_method_finds_the_point_with_measured_tones_and_says_its_name(capture, name):
-    depth = method(name).run(capture, method(name).configure(PIXELS, name), 0).depth
+    depth = method(name).run(capture, method(name).configure(PIXELS, name), 0)
     assert depth.method == name
     # Without noise on the axis, voxels of 1 mm or better; narrowband's next lobe is 62 mm away,
     # outside its volume.
@@ -35,10 +35,9 @@ def test_every_method_finds_the_point_with_measured_tones_and_says_its_name(capt
 
 
 def test_the_papers_methods_come_first_and_change_nothing():
-    assert [m.id for m in methods()][:4] == PAPERS
-    assert all((m.source == PAPER) == (m.id in PAPERS) for m in methods())
-    plain = {"3fsk": ThreeToneConfig(), "broadband": BroadbandConfig(), "nfsk": LadderConfig()}
-    assert all(method(name).config() == config for name, config in plain.items())
-    configs = [method(name).config().model_dump() for name in PAPERS]
-    better = ("off_axis", "weighted", "drop_wrapped", "subvoxel")
+    assert list(METHODS)[:4] == PAPERS
+    assert all((m.source == PAPER) == (m.id in PAPERS) for m in METHODS.values())
+    assert METHODS["3fsk"].defaults == Fsk() and METHODS["broadband"].defaults == Backprojection()
+    better = ("off_axis", "weighted", "drop_doubtful", "subvoxel")
+    configs = [METHODS[id].defaults.model_dump() for id in PAPERS]
     assert not any(config.get(key) for key in better for config in configs)

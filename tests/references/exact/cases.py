@@ -116,6 +116,5 @@ def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None,
 def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
     """Depth maps of the first frame."""
     return {
-        name: method(name).run(capture, method(name).configure({}, "exact"), 0).depth
-        for name in methods
+        name: method(name).run(capture, method(name).configure({}, "exact"), 0) for name in methods
     }

@@ -39,7 +39,7 @@ def moving(tones: str, velocity_m_s: float, step_s: float = 1e-3) -> RadarCaptur
 def mae_mm(id: str, capture: RadarCapture, **settings) -> float:
     """Mean absolute error of the depths above the paper's −10 dB."""
     chosen = method(id)
-    depth = chosen.run(capture, chosen.configure(PIXELS | settings, id), 0).depth
+    depth = chosen.run(capture, chosen.configure(PIXELS | settings, id), 0)
     front = front_m(Case("one finger", (FINGER,), "metal", ALONG), depth.x_m, depth.y_m)
     return float(1e3 * np.nanmean(np.abs(depth.z_m - front)))
 
@@ -52,7 +52,7 @@ def test_depths_of_a_moving_finger(velocity_m_s):
     assert mae_mm("3fsk-doppler", moved) < 1.2 * at_rest_mm
     # f/Δf·v·T of both tones, 49 ms on average
     assert mae_mm("3fsk", moved) > max(2 * at_rest_mm, 1e3 * 0.04 * abs(velocity_m_s))
-    depth = method("3fsk-doppler").run(moved, method("3fsk-doppler").configure(PIXELS, ""), 0).depth
+    depth = method("3fsk-doppler").run(moved, method("3fsk-doppler").configure(PIXELS, ""), 0)
     assert np.nanmedian(depth.velocity_m_s) == pytest.approx(velocity_m_s, rel=0.03)
 
 

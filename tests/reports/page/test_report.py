@@ -231,10 +231,13 @@ def test_the_best_method_the_registration_and_a_film_are_shown(folder, tmp_path,
 @pytest.mark.parametrize(
     ("config", "text"),
     [
-        ({"f1_hz": 82e9, "f2_hz": 81.8e9, "tolerance": 1e-5}, "82, 81.8 GHz"),
+        ({"tones_hz": [82e9, 81.8e9], "tolerance": 1e-5}, "82, 81.8 GHz"),
         ({"tones_hz": [82e9, 81.8e9, 72e9]}, "82, 81.8, 72 GHz"),
-        ({"start_hz": 72e9, "stop_hz": 82e9, "count": 128}, "128 tones, 72 to 82 GHz"),
-        ({"x_hz": "none"}, ""),
+        (
+            {"tones_hz": {"start_hz": 72e9, "stop_hz": 82e9, "count": 128}},
+            "128 tones, 72 to 82 GHz",
+        ),
+        ({"mine": "none"}, ""),
     ],
 )
 def test_the_tones_of_a_method_are_named(config, text):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.grid import Axis
-from handbench.radar.methods.fsk import fsk
-from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.scene import Ball, Material
 from tests.radar.simulation.effects.plates import sheet
@@ -37,7 +36,7 @@ def test_a_change_is_that_of_whole_simulations(scene, without, rel):
     row = explained(scene, *names)[without]
     rest = [name for name in names if name != without]
     captures = [simulated(scene, *effects).capture for effects in (names, rest)]
-    config = ThreeToneConfig(x=LATERAL, y=LATERAL, first_depth_m=0.3)
+    config = Fsk(x=LATERAL, y=LATERAL, first_depth_m=0.3)
     maps_m = [fsk(capture, config)[0].z_m for capture in captures]
     samples = [capture.samples for capture in captures]
     level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
