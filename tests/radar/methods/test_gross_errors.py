@@ -9,7 +9,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk_config import ThreeToneConfig
+from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import LEAST_INCOHERENCE, with_p_gross
 from tests.radar.simulated_points import (
     TONES_HZ,
@@ -25,7 +25,7 @@ PERIOD_M = SPEED_OF_LIGHT_M_S / (2 * 2.5e9)
 
 def odds_of(z_m, db, wrapped):
     """Odds [ny, nx] of a map with σ = 1 mm of an echo from POINT_M."""
-    config = ThreeToneConfig(**around(POINT_M))
+    config = Fsk(**around(POINT_M))
     sigma_m = np.full(z_m.shape, 1e-3)
     axes_m = config.x.values_m(), config.y.values_m()
     depth = DepthMap(*axes_m, z_m, db, "3fsk", {}, sigma_m, wrapped)
@@ -36,7 +36,7 @@ def odds_of(z_m, db, wrapped):
 def test_its_factors_by_hand():
     """At the point the tones agree. A pixel 20 mm behind it, 2 mm beside it, 20 dB weaker and
     flagged: four times the odds at the point, and at the pixel more than the four factors."""
-    shape = ThreeToneConfig(**around(POINT_M)).grid().shape
+    shape = Fsk(**around(POINT_M)).pixels.shape
     z_m, db, wrapped = np.full(shape, POINT_M[2]), np.zeros(shape), np.zeros(shape, bool)
     plain = odds_of(z_m, db, wrapped)
     assert plain[12, 12] == pytest.approx(LEAST_INCOHERENCE / 5, rel=1e-5)
@@ -49,7 +49,7 @@ def test_its_factors_by_hand():
 @pytest.fixture(scope="module")
 def plate():
     """3-FSK's map of a plate with a little noise, and what it was made of."""
-    config = ThreeToneConfig(**around(POINT_M, half_m=0.02), first_depth_m=0.3)
+    config = Fsk(**around(POINT_M, half_m=0.02), first_depth_m=0.3)
     points_m = surface_points(lambda x, y: np.full(x.shape, POINT_M[2]), 0.04, 0.0015)
     capture = points_capture(points_m, phase_noise_rad=0.01)
     return fsk_with_uncertainty(capture, config), capture, config
