@@ -6,7 +6,7 @@ from typing import Any
 
 from handbench.radar.simulation.effects import (
     clutter,
-    dielectric,
+    materials,
     motion,
     multipath,
     sensor,
@@ -89,15 +89,15 @@ SHAPING: tuple[Effect, ...] = (
         "Gabriel et al. 1996 and Alekseev & Ziskin 2007",
         "a target of skin",
         lambda scene: scene.target is not None and scene.target.material.kind == "skin",
-        target_surface.skin,
+        materials.skin,
     ),
     Effect(
         "dielectric",
         "foam delays the echoes of balls; plastic reflects in part",
         "Fresnel at normal incidence, straight rays with (n − 1)·path",
         "a target of plastic, or balls in foam",
-        dielectric.has_dielectric,
-        dielectric.dielectric,
+        materials.has_dielectric,
+        materials.dielectric,
     ),
     Effect(
         "roughness",

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.simulation.physics.reflection import body_reflection
+from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.physics.shadows import sight_of
 from handbench.radar.simulation.scene import CENTRE_M, Body
 from handbench.radar.simulation.scene_echoes import Echoes, front_facets
@@ -41,7 +41,11 @@ def room_echoes(echoes: Echoes, target: Body | None) -> np.ndarray:
         echo = simulate(
             optics, tones_hz, echoes.array, tolerance=echoes.tolerance, pattern=echoes.pattern
         )
-        samples += echo * body_reflection(body, tones_hz).astype(np.complex64)[:, None, None]
+        if body.reflectivity_db is None:
+            reflection = echo_reflections(body.material, tones_hz)[0]
+        else:
+            reflection = np.full(len(tones_hz), 10 ** (body.reflectivity_db / 20))
+        samples += echo * reflection.astype(np.complex64)[:, None, None]
     return samples
 
 

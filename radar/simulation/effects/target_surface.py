@@ -1,4 +1,4 @@
-"""The effects of the target's surface: obliquity, shadows, skin and roughness.
+"""The effects of the target's surface: obliquity, shadows and roughness.
 
 Roughness is relief that the mesh does not have: heights are a sum of waves over the surface. The
 part of a wave that facets resolve displaces them along their normals; the rest, of variance σ²,
@@ -16,9 +16,8 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
 from handbench.radar.simulation.physics.facets import Facets
 from handbench.radar.simulation.physics.line_of_sight import rays_of
-from handbench.radar.simulation.physics.reflection import skin_layers_m, skin_reflection
 from handbench.radar.simulation.physics.shadows import sight_of
-from handbench.radar.simulation.scene import Body, EchoScene, generator
+from handbench.radar.simulation.scene import EchoScene, generator
 from handbench.radar.simulation.scene_echoes import Echoes
 
 NODES_M = 0.02  # between the antennas of a line for which shadows are computed
@@ -43,40 +42,6 @@ def shadow(echoes: Echoes) -> None:
     rays = rays_of(scene, body)
     sight, reached = sight_of(scene, body, body, facets, rays, echoes.array, NODES_M)
     echoes.surface = replace(echoes.surface, sight=sight).where(reached)
-
-
-def skin(echoes: Echoes) -> None:
-    """Apply the reflection of skin, a half-space under a horny layer that is thick only on the
-    palm: weaker than metal's, with a phase that depends on frequency.
-
-    The reflection is that at normal incidence. An image forms where transmitter, receiver and
-    surface are specular; at 0.3 m the angle of incidence is then 18° at most, between opposite
-    corners of the array. Up to this angle, in either polarisation, Γ of thin skin and of a palm of
-    140 µm stays within 0.3 dB and 0.04 rad of normal incidence, and the error of the depth within
-    0.01 mm. A palm of 430 µm is near a quarter wave: the difference is 2.5 dB, and 1.5 mm of its
-    depth error of 2.6 mm.
-    """
-    if echoes.surface is None:
-        return
-    body, facets = echoes.scene.body, echoes.surface.facets
-    layer = layers(body, facets.face)
-    reflection = reflections(body, echoes.scene.frequencies_hz)
-    echoes.surface = replace(echoes.surface, reflection=reflection, layer=layer)
-
-
-def reflections(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the echo amplitudes of a hand's skin relative to metal, complex [2, f]: of thin skin,
-    and of the palm with its thicker horny layer."""
-    layers_m = skin_layers_m(body.material)
-    return np.stack(
-        [skin_reflection(body.material, frequencies_hz, layer_m) for layer_m in layers_m]
-    )
-
-
-def layers(body: Body, face: np.ndarray) -> np.ndarray:
-    """Return the kind of skin of each facet [p], as a row of `reflections`: 0 for thin skin, 1 for
-    the palm. face [p]: index of the mesh's face that each facet is a part of."""
-    return np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
 
 
 def roughness(echoes: Echoes) -> None:

@@ -35,11 +35,12 @@ from scipy.special import airy
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.physics.facets import unit, vertex_normals
-from handbench.radar.simulation.physics.reflection import body_reflection, oblique_reflections
+from handbench.radar.simulation.physics.reflection import echo_reflections, reflections
 from handbench.radar.simulation.physics.vectors import cross, direction, minus, vec
 from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.support.compiled import njit
 
+COSINES = 65  # of angles of incidence
 BRIGHT = -4.0  # ξ before which the lit side's factor is extrapolated
 LIT, DEEP = -1.0, 3.0  # ξ between which p* is fitted; it fades between the first and half of it
 TERMS = 6  # of the polynomials in ξ: within 0.006 of m·p*
@@ -136,8 +137,9 @@ def round_ratios(material: Material, frequency_hz: float) -> np.ndarray:
     The bends 1/m = (2/ka)^{1/3} are evenly spaced from 0, a plane, to ROUNDEST; the cosines and the
     layers are those of `oblique_reflections`.
     """
-    plane = oblique_reflections(material, frequency_hz)
-    normal, cosines = plane[:, 0, -1], np.linspace(0, 1, plane.shape[2])
+    cosines = np.maximum(np.linspace(0, 1, COSINES), 1e-6)
+    plane = reflections(material, np.array([frequency_hz]), cosines)
+    normal = plane[:, 0, -1]
     found = np.repeat(plane[:, :, None], BENDS, axis=2)
     for layer, impedance in zip(found, (1 + normal) / (1 - normal), strict=True):
         for n, bend in enumerate(np.linspace(0, ROUNDEST, BENDS)[1:], 1):
@@ -170,7 +172,7 @@ def round_differences(impedance: complex, size: float, cosines: np.ndarray) -> n
 
 def _roundness(scene: EchoScene, body: Body) -> Roundness:
     frequency_hz = (scene.frequencies_hz.min() + scene.frequencies_hz.max()) / 2
-    echo = body_reflection(body, np.array([frequency_hz]))[0]
+    echo = echo_reflections(body.material, np.array([frequency_hz]))[0, 0]
     impedance = (1 - echo) / (1 + echo)
     xi = np.linspace(LIT, DEEP, 60)
     powers = np.linalg.pinv(xi[:, None] ** np.arange(TERMS))

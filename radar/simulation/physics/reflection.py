@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.scene import Body, Material
+from handbench.radar.simulation.scene import Material
 
 VACUUM_F_M = 8.8541878128e-12
 
@@ -72,53 +72,45 @@ def skin_permittivity(frequencies_hz: np.ndarray, wet: bool = False) -> np.ndarr
     return (WET if wet else DRY).permittivity(frequencies_hz)
 
 
-def echo_reflection(material: Material, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the echo amplitude of a material's surface relative to metal at normal incidence:
-    complex [f]. For skin it is that of thin skin.
-
-    It is −Γ, since the amplitudes of the forward model are those of metal, whose Γ is −1.
-    """
-    if material.kind == "metal":
-        return np.ones(len(frequencies_hz), complex)
-    if material.kind == "skin":
-        return skin_reflection(material, frequencies_hz, THIN_M)
-    return -fresnel(np.full(len(frequencies_hz), dielectric_permittivity(material)))
-
-
-def body_reflection(body: Body, frequencies_hz: np.ndarray) -> np.ndarray:
-    """Return the echo amplitude of a body's surface relative to metal: complex [f]. It comes from
-    the body's reflectivity_db if that is given, else from its material (for skin, that of thin
-    skin)."""
-    if body.reflectivity_db is None:
-        return echo_reflection(body.material, frequencies_hz)
-    return np.full(len(frequencies_hz), 10 ** (body.reflectivity_db / 20), complex)
-
-
-def skin_layers_m(material: Material) -> tuple[float, float]:
-    """Return the thickness of the horny layer, in metres, of thin skin and of the palm."""
-    return THIN_M, material.palm_thickness_m
-
-
-def skin_reflection(material: Material, frequencies_hz: np.ndarray, horny_m: float) -> np.ndarray:
-    """Return the echo amplitude of skin relative to metal at normal incidence, −Γ: complex [f].
-    horny_m: thickness of the horny layer on the skin (0: none)."""
-    below = skin_permittivity(frequencies_hz, material.wet)
-    return -layer_reflection(HORNY.permittivity(frequencies_hz), below, horny_m, frequencies_hz)
-
-
 def dielectric_permittivity(material: Material) -> complex:
     """Return the complex relative permittivity ε_r(1 − j·tan δ) of plastic."""
     return material.permittivity * (1 - 1j * material.loss_tangent)
 
 
-def fresnel(permittivity: np.ndarray) -> np.ndarray:
-    """Return the reflection coefficient Γ = (1 − n)/(1 + n) of a half-space in air at normal
-    incidence, with n = √ε_r: complex, of the shape of `permittivity`."""
-    return interface(1.0, permittivity, 1.0)[0]
+def reflections(
+    material: Material, frequencies_hz: np.ndarray, cosine: np.ndarray | float = 1.0
+) -> np.ndarray:
+    """Return the reflection coefficients Γ of a material's plane surface: complex [layers, 2, ...],
+    for an electric field across the plane of incidence and for one in it.
+
+    cosine: cosine of the angle of incidence, to whose shape the frequencies broadcast. Skin has
+    two layers, thin skin and the palm; other materials have one. For metal all values are −1.
+    """
+    f = np.asarray(frequencies_hz, float)
+    if material.kind == "skin":
+        layer, below = HORNY.permittivity(f), skin_permittivity(f, material.wet)
+        thicknesses_m = THIN_M, material.palm_thickness_m
+        return np.stack([layer_reflection(layer, below, d, f, cosine) for d in thicknesses_m])
+    if material.kind == "plastic":
+        return interface(1.0, np.full(f.shape, dielectric_permittivity(material)), cosine)[None]
+    return np.full((1, 2, *np.broadcast_shapes(f.shape, np.shape(cosine))), -1.0 + 0j)
+
+
+def echo_reflections(material: Material, frequencies_hz: np.ndarray) -> np.ndarray:
+    """Return the echo amplitudes of a material's layers relative to metal at normal incidence:
+    complex [layers, f]. They are −Γ, since the amplitudes of the forward model are those of metal,
+    whose Γ is −1."""
+    return -reflections(material, frequencies_hz)[:, 0]
+
+
+def oblique_reflections(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
+    """Return `reflections` at `count` evenly spaced cosines from 0 to 1."""
+    cosine = np.maximum(np.linspace(0, 1, count), 1e-6)
+    return reflections(material, np.array([frequency_hz]), cosine)
 
 
 def interface(
-    above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float
+    above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float = 1.0
 ) -> np.ndarray:
     """Return the reflection coefficients Γ of a plane wave at the plane between two media: complex
     [2, ...], for an electric field across the plane of incidence and for one in it.
@@ -134,20 +126,11 @@ def interface(
 
 
 def layer_reflection(
-    layer: np.ndarray, below: np.ndarray, thickness_m: float, frequencies_hz: np.ndarray
-) -> np.ndarray:
-    """Return the reflection coefficient Γ of a layer on a half-space, in air at normal incidence:
-    complex [f], with the phase at the layer's surface. layer, below: relative permittivities [f] of
-    layer and half-space."""
-    return oblique_layer_reflection(layer, below, thickness_m, frequencies_hz, 1.0)[0]
-
-
-def oblique_layer_reflection(
     layer: np.ndarray,
     below: np.ndarray,
     thickness_m: float,
     frequencies_hz: np.ndarray,
-    cosine: np.ndarray | float,
+    cosine: np.ndarray | float = 1.0,
 ) -> np.ndarray:
     """Return the reflection coefficients Γ of a layer on a half-space in air: complex [2, ...], for
     an electric field across the plane of incidence and for one in it.
@@ -157,30 +140,7 @@ def oblique_layer_reflection(
     angle of incidence.
     """
     there_and_back = 4 * np.pi * np.asarray(frequencies_hz) / SPEED_OF_LIGHT_M_S * thickness_m
-    turned = np.exp(
-        -1j * there_and_back * np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine))
-    )
-    first, within = interface(1.0, layer, cosine), interface(layer, below, cosine) * turned
+    normal = np.sqrt(np.asarray(layer, complex) - 1 + np.square(cosine))
+    first = interface(1.0, layer, cosine)
+    within = interface(layer, below, cosine) * np.exp(-1j * there_and_back * normal)
     return (first + within) / (1 + first * within)
-
-
-def oblique_reflections(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Return the reflection coefficients Γ of a plane surface: complex [layers, 2, count], for the
-    electric field across the plane of incidence and in it.
-
-    The last axis has `count` evenly spaced cosines of the angle of incidence from 0 to 1. Skin has
-    two layers, thin skin and the palm; other materials have one. For metal all values are −1.
-    """
-    if material.kind == "metal":
-        return np.full((1, 2, count), -1.0 + 0j)
-    cosine = np.maximum(np.linspace(0, 1, count), 1e-6)[:, None]
-    if material.kind == "skin":
-        f = np.array([frequency_hz])
-        media = HORNY.permittivity(f), skin_permittivity(f, material.wet)
-        return np.stack(
-            [
-                oblique_layer_reflection(*media, layer_m, f, cosine)[..., 0]
-                for layer_m in skin_layers_m(material)
-            ]
-        )
-    return interface(1.0, dielectric_permittivity(material), cosine)[None, ..., 0]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects.dielectric import dielectric
-from handbench.radar.simulation.physics.reflection import fresnel
+from handbench.radar.simulation.effects.materials import dielectric
+from handbench.radar.simulation.physics.reflection import interface
 from handbench.radar.simulation.scene import Ball, EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.small_scenes import (
@@ -37,7 +37,7 @@ def foam_ball(**changes):
     ("permittivity", "reflected_db", "delay_mm"), [(1.03, -42.6, 0.74), (1.05, -38.3, 1.23)]
 )
 def test_foam_as_published(permittivity, reflected_db, delay_mm):
-    assert 20 * np.log10(abs(fresnel(np.array(permittivity)))) == pytest.approx(
+    assert 20 * np.log10(abs(interface(1.0, permittivity)[0])) == pytest.approx(
         reflected_db, abs=0.05
     )
     ball = foam_ball(foam_radius_m=0.055, foam_permittivity=permittivity)  # 50 mm of foam

@@ -1,0 +1,51 @@
+"""The effects "skin" and "dielectric": reflection by skin and by plastic, and the delay of the
+echoes of balls in foam.
+
+Foam (n − 1 ≪ 1): rays are straight, and a path of length ℓ inside is longer by (n − 1)ℓ. Plastic:
+only its front surface is simulated, since refraction is strong inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from handbench.radar.simulation.physics.reflection import echo_reflections
+from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.scene_echoes import Echoes
+
+
+def skin(echoes: Echoes) -> None:
+    """Apply the reflection of skin, a half-space under a horny layer that is thick only on the
+    palm: weaker than metal's, with a phase that depends on frequency.
+
+    The reflection is that at normal incidence. An image forms where transmitter, receiver and
+    surface are specular; at 0.3 m the angle of incidence is then 18° at most, between opposite
+    corners of the array. Up to this angle, in either polarisation, Γ of thin skin and of a palm of
+    140 µm stays within 0.3 dB and 0.04 rad of normal incidence, and the error of the depth within
+    0.01 mm. A palm of 430 µm is near a quarter wave: the difference is 2.5 dB, and 1.5 mm of its
+    depth error of 2.6 mm.
+    """
+    surface = echoes.surface
+    if surface is not None:
+        body, face = surface.body, surface.facets.face
+        layer = np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
+        reflection = echo_reflections(body.material, echoes.scene.frequencies_hz)
+        echoes.surface = replace(surface, reflection=reflection, layer=layer)
+
+
+def dielectric(echoes: Echoes) -> None:
+    """Delay the echoes of balls in foam, and give a target of plastic its partial reflection."""
+    echoes.ball_delay_m = np.array([ball.foam_delay_m for ball in echoes.scene.balls])
+    surface = echoes.surface
+    if surface is not None and surface.body.material.kind == "plastic":
+        reflection = echo_reflections(surface.body.material, echoes.scene.frequencies_hz)
+        layer = np.zeros(len(surface.facets), int)
+        echoes.surface = replace(surface, reflection=reflection, layer=layer)
+
+
+def has_dielectric(scene: EchoScene) -> bool:
+    """Return True if the target is of plastic, or its balls are in foam."""
+    plastic = scene.target is not None and scene.target.material.kind == "plastic"
+    return plastic or any(ball.foam_delay_m > 0 for ball in scene.balls)
