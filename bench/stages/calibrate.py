@@ -5,13 +5,16 @@ photographs, which `handbench run` and `handbench calibrate` share."""
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TARGET
 from handbench.calibration.array.array_file import ArrayCalibration
 from handbench.calibration.array.estimate import estimate_array
-from handbench.calibration.registration.register import combine, measure
+from handbench.calibration.registration.register import (
+    common_covariance,
+    common_pairs,
+    find_centres,
+    solve,
+)
 from handbench.calibration.spheres.description import Target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.dense.fusion import Cloud
@@ -58,20 +61,16 @@ def register_captures(
     must not change between them. array: calibration of the antennas, used instead of those in the
     captures' folders. Raises HandbenchError if the captures show different targets."""
     target = common_target(captures)
-    measured, names = [], []
+    pairs = []
     for capture, cloud in zip(captures, clouds, strict=True):
         recorded = open_capture(capture)
-        names.append(recorded.about.name)
-        echoes = (
-            recorded.echoes()
-            if array is None
-            else array.applied_to(recorded.echoes(calibrated=False))
-        )
-        measured.append(
-            measure(cloud.points_m, cloud.normals, echoes, target, pixel_m=cloud.pixel_m)
-        )
-    pairs, common_m2 = zip(*measured, strict=True)
-    return combine(pairs, np.mean(common_m2, axis=0), names, target.ball_offset_sigma_m)
+        echoes = recorded.echoes(calibrated=array is None)
+        if array is not None:
+            echoes = array.applied_to(echoes)
+        centres = find_centres(cloud.points_m, cloud.normals, echoes, target, cloud.pixel_m)
+        pairs.append(common_pairs(*centres, target, recorded.about.name, len(captures)))
+    pixel_m = max(cloud.pixel_m for cloud in clouds)
+    return solve(sum(pairs[1:], pairs[0]), common_covariance(target, pixel_m))
 
 
 def common_target(captures: Sequence[Path]) -> Target:

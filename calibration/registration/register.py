@@ -2,12 +2,12 @@
 that both sensors measure.
 
 The objects that each sensor detects are matched to the target's elements. The elements that both
-sensors have found give the transform: first in closed form (`majority`), then by weighted least
-squares with the covariance of each centre (`fit`). The target's description serves only to identify
-the elements; the transform is between the two measurements.
+sensors have found give the transform, by weighted least squares with the covariance of each centre.
+The target's description serves only to identify the elements; the transform is between the two
+measurements.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -24,33 +24,32 @@ from handbench.support.progress import say
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 
 
-def measure(
+def find_centres(
     points_m: np.ndarray,
     normals: np.ndarray | None,
     capture: RadarCapture,
     target: Target,
     pixel_m: float = 0.0,
-) -> tuple[Pairs, np.ndarray]:
-    """Measure the balls' centres with both sensors in one capture of the target: (pairs of centres
-    from photographs and radar, covariance [3, 3] (m²) of the error common to all of them).
+) -> tuple[dict[int, Candidate], dict[int, Candidate]]:
+    """Measure the target's elements with both sensors: (foam spheres in the photo frame, balls in
+    the radar frame), each by element index.
 
     points_m, normals [n, 3]: point cloud from photographs; pixel_m: size on the surface of a pixel
     of its depth maps. Raises HandbenchError if the objects that a sensor detects do not match the
-    target in exactly one way, or if the sensors share fewer than three elements.
+    target in exactly one way.
     """
     optical = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
-    radar = fit_balls(capture, target, match(balls, target, "echoes"), balls)
-    return common_pairs(optical, radar, target), common_covariance(target, pixel_m)
+    return {**optical}, {**fit_balls(capture, target, match(balls, target, "echoes"), balls)}
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
     """Compute the covariance [3, 3] (m²) of the error that all centres share and that residuals
     therefore do not show. It is along z only.
 
-    It comes from the uncertainty of the foam's delay (√ε − 1)·(R − a), and from the bias of
-    photogrammetry towards the cameras, which are around the radar. pixel_m: size on the surface of
-    a pixel of the depth maps.
+    It comes from the uncertainty σ_ε of the foam's delay (√ε − 1)·(R − a), σ_ε·(R − a)/(2√ε), and
+    from the bias of photogrammetry towards the cameras, which are around the radar. pixel_m: size
+    on the surface of a pixel of the depth maps.
     """
     deepest_m = max(e.sphere_radius_m - e.ball_radius_m for e in target.element)
     delay_m = target.foam_permittivity_sigma * deepest_m / (2 * np.sqrt(target.foam_permittivity))
@@ -58,70 +57,48 @@ def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:
 
 
 def common_pairs(
-    optical: Mapping[int, Candidate], radar: Mapping[int, Candidate], target: Target
+    optical: Mapping[int, Candidate],
+    radar: Mapping[int, Candidate],
+    target: Target,
+    capture: str = "target",
+    captures: int = 1,
 ) -> Pairs:
     """Pair the balls' centres from photographs and radar, for the elements (by index) that both
     have found. Raises HandbenchError for fewer than three.
 
     Photographs show the foam sphere only: its ball is at the sphere's centre plus the offset in the
-    target's description, whose tolerance is added to the covariance.
+    target's description. capture: its name, for messages; captures: number of captures of this
+    target that are fitted together. Each has that many times the variance of the offset, so that
+    more captures do not reduce it.
     """
     common = sorted(optical.keys() & radar.keys())
-    elements = [f"element {i + 1}" for i in common]
-    pairs = Pairs.of([optical[i] for i in common], [radar[i] for i in common], elements)
+    names = [f"{capture}, element {i + 1}" for i in common]
+    pairs = Pairs.of([optical[i] for i in common], [radar[i] for i in common], names)
     photo_from_target = umeyama(target.centres_m[common], pairs.source_m)[:3, :3]
-    offsets_m = target.ball_offsets_m[common] @ photo_from_target.T
-    placed_m2 = target.ball_offset_sigma_m**2 * np.eye(3)
+    offset_cov_m2 = captures * target.ball_offset_sigma_m**2 * np.eye(3)
     return replace(
-        pairs, source_m=pairs.source_m + offsets_m, source_m2=pairs.source_m2 + placed_m2
+        pairs,
+        source_m=pairs.source_m + target.ball_offsets_m[common] @ photo_from_target.T,
+        source_cov_m2=pairs.source_cov_m2 + offset_cov_m2,
     )
 
 
-def solve(pairs: Pairs, common_m2: np.ndarray | None = None) -> Transform:
+def solve(pairs: Pairs, common_cov_m2: np.ndarray | None = None) -> Transform:
     """Compute the transform from the photo frame to the radar frame from pairs of centres, by
     maximum likelihood, with its covariance and the residual of every pair.
 
-    Pairs that contradict the majority are reported and left out. common_m2 [3, 3]: covariance (m²)
-    of an error common to all pairs, added to the translation's. Raises HandbenchError if the pairs
-    do not determine the rotation, or contradict one another so that there is no majority.
+    Pairs that contradict the majority are reported and left out. common_cov_m2 [3, 3]: covariance
+    (m²) of an error common to all pairs, added to the translation's. Raises HandbenchError if the
+    pairs do not determine the rotation, or contradict one another so that there is no majority.
     """
-    kept, found = majority(pairs)
-    residuals_m = np.linalg.norm(pairs.offsets(found.matrix), axis=1)
-    for i in np.flatnonzero(~kept):
+    agree, motion = majority(pairs)
+    residuals_m = np.linalg.norm(pairs.offsets(motion.matrix), axis=1)
+    for i in np.flatnonzero(~agree):
         say(
             f"registration: {pairs.names[i]} is {1e3 * residuals_m[i]:.3g} mm away from where the "
             "other elements place it, and is left out"
         )
-    covariance = found.covariance_about_origin()
-    if common_m2 is not None:
-        covariance[:3, :3] += common_m2  # all centres move together: a translation
-    return Transform("photo", "radar", found.matrix, covariance, residuals_m)
-
-
-def combine(
-    captures: Sequence[Pairs],
-    common_m2: np.ndarray | None = None,
-    names: Sequence[str] = (),
-    ball_offset_sigma_m: float = 0.0,
-) -> Transform:
-    """Compute the transform from the photo frame to the radar frame from several captures of one
-    target by a rig that stood still, by joint weighted least squares. Residuals are in the order of
-    the captures.
-
-    names: names of the captures, for messages. common_m2 [3, 3]: covariance (m²) of an error common
-    to all pairs and captures. ball_offset_sigma_m: standard deviation of the balls' offsets in
-    their spheres, part of the pairs' covariances. More captures reduce neither, since the target is
-    the same in all.
-    """
-    names = list(names) or [f"capture {i + 1}" for i in range(len(captures))]
-    # each of n captures has n times the offsets' variance, so that their mean has it once
-    more_m2 = (len(captures) - 1) * ball_offset_sigma_m**2 * np.eye(3)
-    first, *others = (
-        replace(
-            pairs,
-            source_m2=pairs.source_m2 + more_m2,
-            names=tuple(f"{name}, {pair}" for pair in pairs.names),
-        )
-        for name, pairs in zip(names, captures, strict=True)
-    )
-    return solve(sum(others, first), common_m2)
+    covariance = motion.covariance.copy()
+    if common_cov_m2 is not None:
+        covariance[:3, :3] += common_cov_m2  # all centres move together: a translation
+    return Transform("photo", "radar", motion.matrix, covariance, residuals_m)

@@ -61,8 +61,8 @@ def register(
     optical: Sequence[Candidate],
     radar: Sequence[Candidate],
     target: Target,
-    common_m2: np.ndarray | None = None,
+    common_cov_m2: np.ndarray | None = None,
 ) -> Transform:
-    """`radar_from_photo` from both sensors' candidates, as `measure` and `solve` find it."""
+    """`radar_from_photo` from both sensors' candidates, as `find_centres` and `solve` find it."""
     photo, echo = match(optical, target, "photographs"), match(radar, target, "echoes")
-    return solve(common_pairs(photo, echo, target), common_m2)
+    return solve(common_pairs(photo, echo, target), common_cov_m2)

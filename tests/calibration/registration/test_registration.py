@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.calibration.registration.register import combine
+from handbench.calibration.registration.register import common_pairs, solve
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres.description import Element, Target, default_target, match
 from handbench.support.errors import HandbenchError
@@ -97,7 +99,7 @@ def test_only_common_elements_count(rng, target):
 def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target):
     p = placed(rng, target.centres_m)
     plain, shared = (
-        register(candidates(p), candidates(p), target, common_m2=c)
+        register(candidates(p), candidates(p), target, common_cov_m2=c)
         for c in (None, np.diag([0, 0, 1e-6]))
     )
     expected = np.zeros((6, 6))
@@ -106,28 +108,35 @@ def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target)
     np.testing.assert_array_equal(shared.matrix, plain.matrix)
 
 
-def captured(rng: np.random.Generator, target: Target, offset_sigma_m: float) -> Pairs:
-    """The target in the radar's frame with exact centres, and in the photographs' frame with those
-    of its balls, which are off their spheres' centres."""
-    radar_m = placed(rng, target.centres_m)
-    spread_m2 = (1e-12 + offset_sigma_m**2) * np.eye(3)
-    return Pairs.of(candidates(radar_m, covariance_m2=spread_m2), candidates(radar_m))
+def captured(rng: np.random.Generator, target: Target, name: str, captures: int) -> Pairs:
+    """The target with exact spheres and balls."""
+    optical, radar = placed(rng, target.centres_m), placed(rng, target.centres_m)
+    exact_m2 = 1e-12 * np.eye(3)
+    return common_pairs(
+        *(dict(enumerate(candidates(c, covariance_m2=exact_m2))) for c in (optical, radar)),
+        target,
+        name,
+        captures,
+    )
 
 
 def test_several_captures_do_not_reduce_what_the_target_is_unsure_of(rng, target):
-    sigma_m = 1e-2
-    spreads_m = []
+    unsure = target.model_copy(update={"ball_offset_sigma_m": 1e-3})
+    spreads_m2 = []
     for count in (1, 4):
-        captures = [captured(rng, target, sigma_m) for _ in range(count)]
-        found = combine(captures, ball_offset_sigma_m=sigma_m)
-        middle_m = np.concatenate([pairs.target_m for pairs in captures]).mean(axis=0)
-        spreads_m.append(np.trace(found.point_covariance(middle_m)))
+        turn_rng = np.random.default_rng(3)
+        captures = [captured(turn_rng, unsure, "a", count)] * count
+        found = solve(sum(captures[1:], captures[0]))
+        middle_m = captures[0].target_m.mean(axis=0)
+        spreads_m2.append(np.trace(found.point_covariance(middle_m)))
         assert len(found.residuals_m) == 5 * count
-    assert spreads_m[1] == pytest.approx(spreads_m[0], rel=0.1)
+    assert spreads_m2[1] == pytest.approx(spreads_m2[0], rel=0.01)
 
 
 def test_a_wrong_pair_is_named_with_its_capture(rng, target, capsys):
-    captures = [captured(rng, target, 1e-4) for _ in range(2)]
-    captures[1].target_m[3] += [0, 0.04, 0]
-    combine(captures, names=["monday", "friday"])
-    assert "registration: friday, pair 4 is 40" in capsys.readouterr().err
+    monday, friday = (captured(rng, target, name, 2) for name in ("monday", "friday"))
+    monday = replace(friday, names=monday.names, target_m=friday.target_m.copy())
+    friday.target_m[3] += [0, 0.04, 0]
+    solve(friday + monday)
+    printed = capsys.readouterr().err
+    assert "registration: friday, element 4 is 40" in printed and "monday" not in printed
