@@ -31,6 +31,9 @@ class Material(Config):
     wet: bool = False
 
 
+METAL = Material()
+
+
 @dataclass(frozen=True, eq=False)
 class Body:
     """A body as a closed triangle mesh in the radar frame.

@@ -11,8 +11,9 @@ from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.physics.spheres import ball_echoes
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.scene import METAL, Body, EchoScene, Material
 from handbench.support.errors import HandbenchError
 
 SIGHT_TOLERANCE = 1e-3  # of diffracted echoes: a fifth of the error of interpolating their sight
@@ -23,19 +24,16 @@ Tones = slice | list[int]
 class ScatteringSurface:
     """The facets of a body that scatter, and how they do.
 
-    oblique: True for the obliquity of physical optics, False to scatter evenly in all directions;
-    layer [p]: index of the surface layer of each facet (thin skin or palm);
-    reflection [layers, f]: complex echo amplitude of each layer relative to metal. seen: masks
-    (bool [t, p], bool [r, p]) of the antennas that see each facet (None: all); sight: complex
+    layer [p]: index of the material's layer at each facet (thin skin or palm); oblique: True for
+    the obliquity of physical optics, False to scatter evenly in all directions; sight: complex
     factors of the antennas' fields behind diffracting edges (None: 1).
     """
 
     body: Body
     facets: Facets
+    layer: np.ndarray
+    material: Material = METAL
     oblique: bool = False
-    reflection: np.ndarray | None = None  # [layers, f]
-    layer: np.ndarray | None = None
-    seen: tuple[np.ndarray, np.ndarray] | None = None
     sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> "ScatteringSurface":
@@ -43,8 +41,7 @@ class ScatteringSurface:
         return replace(
             self,
             facets=self.facets.where(chosen),
-            layer=None if self.layer is None else self.layer[chosen],
-            seen=None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen]),
+            layer=self.layer[chosen],
             sight=None if self.sight is None else self.sight.where(chosen),
         )
 
@@ -116,29 +113,20 @@ class Echoes:
         """Sum the echoes of a surface: complex64 [f, t, r]. They are the sum over the surface's
         layers of the echoes of each layer's facets times the layer's reflection."""
         frequencies_hz = self.scene.frequencies_hz[tones]
-        facets, layer = require_facets(surface.facets), surface.layer
+        facets = require_facets(surface.facets)
         normal = facets.normal if surface.oblique else None
-        every = Scatterers(facets.position_m, facets.area_m2, normal, surface.seen, surface.sight)
-        layers = (
-            [every]
-            if layer is None
-            else [every.where(layer == n) for n in range(layer.max(initial=0) + 1)]
-        )
+        every = Scatterers(facets.position_m, facets.area_m2, normal, sight=surface.sight)
         samples = np.zeros((len(frequencies_hz), *self.array.channels), np.complex64)
-        for n, part in enumerate(layers):
+        for n, reflection in enumerate(echo_reflections(surface.material, frequencies_hz)):
             echoes = simulate(
-                part,
+                every.where(surface.layer == n),
                 frequencies_hz,
                 self.array,
                 tolerance=self.tolerance,
                 pattern=self.pattern,
                 sight_tolerance=SIGHT_TOLERANCE,
             )
-            samples += (
-                echoes
-                if surface.reflection is None
-                else echoes * surface.reflection[n][tones, None, None]
-            )
+            samples += echoes * reflection[:, None, None]
         return samples
 
 
@@ -149,8 +137,10 @@ def bare_echoes(
     scene: EchoScene, frames: int = 1, tolerance: float | None = 1e-5, empty: bool = False
 ) -> Echoes:
     """Return the echoes of a scene before any effect."""
-    body, delay_m = scene.target, np.zeros(len(scene.balls))
-    surface = None if body is None else ScatteringSurface(body, front_facets(scene, body))
+    surface, delay_m = None, np.zeros(len(scene.balls))
+    if scene.target is not None:
+        facets = front_facets(scene, scene.target)
+        surface = ScatteringSurface(scene.target, facets, np.zeros(len(facets), int))
     return Echoes(scene, frames, tolerance, empty, scene.array, surface, delay_m)
 
 

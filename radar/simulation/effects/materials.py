@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
@@ -30,9 +29,8 @@ def skin(echoes: Echoes) -> None:
     surface = echoes.surface
     if surface is not None:
         body, face = surface.body, surface.facets.face
-        layer = np.zeros(len(face), int) if body.palm is None else body.palm[face].astype(int)
-        reflection = echo_reflections(body.material, echoes.scene.frequencies_hz)
-        echoes.surface = replace(surface, reflection=reflection, layer=layer)
+        layer = surface.layer if body.palm is None else body.palm[face].astype(int)
+        echoes.surface = replace(surface, material=body.material, layer=layer)
 
 
 def dielectric(echoes: Echoes) -> None:
@@ -40,9 +38,7 @@ def dielectric(echoes: Echoes) -> None:
     echoes.ball_delay_m = np.array([ball.foam_delay_m for ball in echoes.scene.balls])
     surface = echoes.surface
     if surface is not None and surface.body.material.kind == "plastic":
-        reflection = echo_reflections(surface.body.material, echoes.scene.frequencies_hz)
-        layer = np.zeros(len(surface.facets), int)
-        echoes.surface = replace(surface, reflection=reflection, layer=layer)
+        echoes.surface = replace(surface, material=surface.body.material)
 
 
 def has_dielectric(scene: EchoScene) -> bool:

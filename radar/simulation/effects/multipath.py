@@ -10,7 +10,7 @@ from handbench.radar.simulation.physics.bundles import Bundles, traced_nodes
 from handbench.radar.simulation.physics.creeping import round_ratios, roundness_of
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.physics.ray_tubes import mirrors_of, trace
-from handbench.radar.simulation.scene import Material
+from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.parallel import for_each
 
@@ -34,8 +34,7 @@ def multipath(echoes: Echoes) -> None:
         rays_of(scene, surface.body),
         np.zeros(len(surface.body.faces), int),
     )
-    if surface.layer is not None:  # 0 for a face without visible facets
-        layer[surface.facets.face] = surface.layer
+    layer[surface.facets.face] = surface.layer  # 0 for a face without visible facets
     longest_m = PATCH * scene.wavelength_m
     antennas_m = np.concatenate([leg.position_m for leg in echoes.array.legs])
     mirrors = mirrors_of(rays, body, antennas_m, longest_m, BOUNCES - 1)
@@ -55,14 +54,11 @@ def multipath(echoes: Echoes) -> None:
     if not any(map(len, found.values())):
         return
 
-    # where it is off, that of metal
-    material = Material() if surface.reflection is None else body.material
-    ratios = round_ratios(material, float(scene.frequencies_hz.mean()))
+    reflection = echo_reflections(surface.material, scene.frequencies_hz)
+    ratios = round_ratios(surface.material, float(scene.frequencies_hz.mean()))
     total = np.zeros((len(scene.frequencies_hz), *echoes.array.channels), np.complex64)
     for sense, array in arrays.items():
-        one = found[sense].echo(
-            scene.frequencies_hz, array, surface.reflection, echoes.pattern, ratios
-        )
+        one = found[sense].echo(scene.frequencies_hz, array, reflection, echoes.pattern, ratios)
         total += (one if sense > 0 else one.swapaxes(1, 2)) / 2
     echoes.bounced = total
 
