@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
+    from scipy.sparse.linalg import LinearOperator
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results.result_folder import Result
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from handbench.radar.data.arrays import AntennaArray
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
+    from handbench.radar.data.grid import VoxelGrid
     from handbench.support.config import Config
 
 MESHES = (".ply", ".obj", ".stl")
@@ -445,6 +447,35 @@ def methods() -> dict[str, str]:
     from handbench.radar.methods.registry import METHODS
 
     return {method.id: method.summary for method in METHODS.values()}
+
+
+def operator(
+    array: AntennaArray,
+    frequencies_hz: ArrayLike,
+    grid: VoxelGrid | ArrayLike,
+    tolerance: float | None = 1e-3,
+) -> LinearOperator:
+    """Return the linear model of echoes A and its adjoint, for solvers such as SciPy's `lsqr`:
+
+        (A x)(f, t, r) = Σ_p x(p) exp(−j2πf(|p − t| + |p − r|)/c)
+        (Aᴴ y)(p) = Σ_{f,t,r} y(f, t, r) exp(+j2πf(|p − t| + |p − r|)/c), which is backprojection
+
+    Args:
+        array: the antennas t and r, as `capture.echoes.aperture`.
+        frequencies_hz: the tones f.
+        grid: the points p, a `VoxelGrid` or positions [n, 3] in the radar's frame, metres.
+        tolerance: relative L2 error of both products, 1e-6 to 0.1; None: exact sums.
+
+    Returns:
+        SciPy's LinearOperator, complex64: a row per sample in the order f, t, r, a column per voxel
+        in the order z, y, x, or per point.
+
+    Raises:
+        HandbenchError: a scan instead of an array, or an invalid argument.
+    """
+    from handbench.radar.operator import operator as of_points
+
+    return of_points(array, frequencies_hz, grid, tolerance)
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:

@@ -197,7 +197,7 @@ def _simulate_exactly(
         gains = [_gain(position, scatterers.normal, leg_m, pattern) for leg_m in antennas]
     if scatterers.seen is not None:
         gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
-    gains[0] = gains[0] * np.asarray(scatterers.weight, np.float32)
+    gains[0] = gains[0] * np.asarray(scatterers.weight, np.complex64)
     distances = [np.linalg.norm(position[None] - leg_m[:, None], axis=2) for leg_m in antennas]
     legs = list(zip(distances, gains, strict=True))
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
