@@ -30,12 +30,12 @@ class DepthMap:
     z_m [ny, nx]: depths, NaN off target; amplitude_db [ny, nx]: 0 at the maximum; method, config:
     id and configuration of the method.
 
-    Optional fields [ny, nx]: sigma_m: predicted standard deviation (1σ) of z_m if no phase has
-    wrapped, NaN off target. wrapped, bool: flagged pixels, whose phase may have wrapped (z_m is
-    then off by a whole period), whose tones disagree on the depth, or whose depth is the first or
-    the last one searched. p_gross: probability that z_m is more than 5 mm from the nearest true
-    surface (`radar.methods.depth_uncertainty`), NaN off target. velocity_m_s, velocity_sigma_m_s:
-    radial velocity, positive away from the array, and its standard deviation (1σ), NaN off target.
+    Optional fields [ny, nx]: sigma_m: standard deviation (1σ) of z_m where it is not wrapped, NaN
+    off target. wrapped, bool: True where the true depth may be outside the range in which the
+    method looks: a period off, or beyond an end of the volume. p_gross: probability that z_m is
+    more than 5 mm from the nearest true surface (`radar.methods.gross_errors`), NaN off target.
+    velocity_m_s, velocity_sigma_m_s: radial velocity, positive away from the array, and its
+    standard deviation (1σ), NaN off target.
 
     velocity_limit_m_s: largest velocity that the measurement can tell, one number; beyond it the
     velocity is off by a multiple of twice this limit.

@@ -7,13 +7,13 @@ the phase k_f (z_p − z), plus one common to all tones, with k_f = 2πf/c · d(
 averaged over the antennas. Where the scatterer's neighbourhood has one depth, the normalised power
 of the sum over N tones, shifted by Δ,
 
-    P(Δ) = |Σ_f O_f e^{jk_f Δ}|² / (N Σ_f |O_f|²),
+    γ(Δ) = |Σ_f O_f e^{jk_f Δ}|² / (N Σ_f |O_f|²),
 
 is their coherence, 1 at Δ = z − z_p: its maximum is the maximum-likelihood depth of one scatterer
 in white noise (Rife & Boorstyn, IEEE Trans. Inf. Theory 20 (1974) 591). If the phases deviate from
 a line with variance s² per tone, the depth has the variance s² / Σ_f (k_f − k̄)², the Cramér–Rao
-bound with s² measured. The noise's power, (1 − P) Σ |O_f|² over N − 1 degrees of freedom, gives the
-odds e^{(N−1)(P₁−P₂)/(1−P₁)} of the highest maximum against the second.
+bound with s² measured. The noise's power, (1 − γ) Σ |O_f|² over N − 1 degrees of freedom, gives the
+odds e^{(N−1)(γ₁−γ₂)/(1−γ₁)} of the highest maximum against the second.
 
 The method `joint` finds each pixel's depth in this way from any set of tones at once. FSK with a
 ladder of tones uses one tone after the other, and each must resolve the next one's period; all
@@ -22,7 +22,6 @@ pairs of tones together are less ambiguous.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Annotated, NamedTuple
 
@@ -32,22 +31,16 @@ from pydantic import Field, field_validator
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
-from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.backprojection import Backprojection, backprojection
-from handbench.radar.methods.depth_uncertainty import (
-    WRAP_PROBABILITY,
-    Uncertainty,
-    speckle_spread_m,
-)
+from handbench.radar.methods.depth_uncertainty import WRAP_PROBABILITY, doubtful_on_plane, speckle_m
 from handbench.radar.methods.fsk import Fsk, FskEchoes
 from handbench.radar.methods.pixels import masked_mean, path_gradient_z
 from handbench.radar.methods.settings import OddPixels, Sweep
 from handbench.support.config import Tone
 
 STEPS = 16  # per range cell, of the search
-ALIGNED = 0.9  # coherence below which a pixel has two depths,
-NONE = 0.8  # and below which it has none
-TINY, MANY = 1e-12, 500.0  # least of 1 − P, and most of the exponent
+NONE = 0.8  # coherence below which a pixel has no depth
+TINY, MANY = 1e-12, 500.0  # least of 1 − γ, and most of the exponent
 POLISHES = 2  # Gauss–Newton steps from the search's maximum
 NEAR = 0.25  # share of the reach of a repeated search
 CHECKED = 8  # tones of a sweep that are aligned
@@ -94,11 +87,10 @@ class Aligned(Backprojection):
 
 
 class Alignment(NamedTuple):
-    """The shift along z at which the tones' images of n pixels agree, with its errors; each field
-    has shape [n].
+    """The shifts along z at which the tones' images of n pixels agree, with their errors: each [n].
 
-    shift_m: the shift; sigma_m: its standard deviation, metres; coherence: normalised power P of
-    the tones' sum at that shift, 0 to 1; other: probability that the second highest maximum of P is
+    shift_m: the shift; sigma_m: its standard deviation, metres; coherence: normalised power γ of
+    the tones' sum at that shift, 0 to 1; other: probability that the second highest maximum of γ is
     the right one.
     """
 
@@ -109,85 +101,81 @@ class Alignment(NamedTuple):
 
 
 def align(
-    images: np.ndarray, frequencies_hz: np.ndarray, rise: np.ndarray, reach_m: float | None = None
+    images: np.ndarray,
+    frequencies_hz: np.ndarray,
+    path_gradient_z: np.ndarray,
+    reach_m: float | None = None,
 ) -> Alignment:
-    """Find, for n pixels, the shift along z within ±reach_m at which the images [f, n] of f ≥ 3
-    tones have the same phase: an `Alignment`.
+    """Find the shift Δ within ±reach_m that maximises γ(Δ) = |Σ O_f e^{jk_f Δ}|² / (N Σ |O_f|²) of
+    the images O [f, n] of N ≥ 3 tones, for n pixels: an `Alignment`.
 
-    rise [n]: growth of the path there and back per metre along z (`path_gradient_z`).
-    reach_m: None for a range cell c/2B, but at most half of the period of evenly spaced tones.
+    path_gradient_z [n]: growth of the path there and back per metre along z. reach_m: None for a
+    range cell c/2B, but at most half of the period of evenly spaced tones.
     """
-    k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * rise
-    cell_m = range_cell_m(frequencies_hz)
-    if reach_m is None:
-        reach_m = cell_m * min(1.0, (len(frequencies_hz) - 1) / 2)
-    tried_m = np.linspace(-reach_m, reach_m, 1 + 2 * int(np.ceil(STEPS * reach_m / cell_m)))
-    power = np.stack([np.abs(_sum(_turned(images, k, there_m))) ** 2 for there_m in tried_m])
-    shift_m = np.where(power.any(axis=0), tried_m[power.argmax(axis=0)], 0.0)
-    beside = np.abs(tried_m[:, None] - shift_m) * rise / 2 > cell_m / 2
-    second = np.where(beside, power, 0.0).max(axis=0)
+    n_tones, cell_m = len(images), range_cell_m(frequencies_hz)
+    k = 2 * np.pi * frequencies_hz[:, None] / SPEED_OF_LIGHT_M_S * path_gradient_z
+    reach_m = reach_m or cell_m * min(1.0, (n_tones - 1) / 2)
+    shifts_m = np.linspace(-reach_m, reach_m, 1 + 2 * int(np.ceil(STEPS * reach_m / cell_m)))
+    power = np.stack([np.abs(_sum(images, k, shift_m)) ** 2 for shift_m in shifts_m])
+    shift_m = shifts_m[power.argmax(axis=0)]
+    distance_m = np.abs(shifts_m[:, None] - shift_m) * path_gradient_z / 2
+    second = np.where(distance_m > cell_m / 2, power, 0.0).max(axis=0)
     weight = np.abs(images).astype(np.float64) ** 2
-    total = np.where(power.any(axis=0), weight.sum(axis=0), np.inf)
-    from_mean = k - (weight * k).sum(axis=0) / total
-    leverage = (weight * from_mean**2).sum(axis=0) / total  # Σ (k − k̄)² / N
-    turned = _turned(images, k, shift_m)
-    for _ in range(POLISHES):
-        slope = (weight * from_mean * _residual(turned)).sum(axis=0) / total
-        shift_m = shift_m - np.divide(slope, leverage, out=np.zeros(len(rise)), where=leverage > 0)
-        turned = _turned(images, k, shift_m)
-    variance = (weight * _residual(turned) ** 2).sum(axis=0) / total / (len(images) - 2)
-    sigma_m = np.sqrt(
-        np.divide(variance, leverage, out=np.full(len(rise), np.inf), where=leverage > 0)
-    )
-    first, second = (
-        np.abs(_sum(turned)) ** 2 / (len(images) * total),
-        second / (len(images) * total),
-    )
-    odds = (len(images) - 1) * (first - second) / np.maximum(1 - first, TINY)
-    return Alignment(shift_m, sigma_m, first, 1 / (1 + np.exp(np.clip(odds, -MANY, MANY))))
+    with np.errstate(divide="ignore", invalid="ignore"):  # images of zeros
+        weight /= (total := weight.sum(axis=0))
+        k_centred = k - (weight * k).sum(axis=0)
+        k_variance = (weight * k_centred**2).sum(axis=0)
+        for _ in range(POLISHES):
+            residual_rad = _residual_rad(images, k, shift_m)
+            shift_m = shift_m - (weight * k_centred * residual_rad).sum(axis=0) / k_variance
+        variance = (weight * _residual_rad(images, k, shift_m) ** 2).sum(axis=0) / (n_tones - 2)
+        sigma_m = np.nan_to_num(np.sqrt(variance / k_variance), nan=np.inf)
+        coherence = np.nan_to_num(np.abs(_sum(images, k, shift_m)) ** 2 / (n_tones * total))
+        less = coherence - np.nan_to_num(second / (n_tones * total))
+    odds = (n_tones - 1) * less / np.maximum(1 - coherence, TINY)
+    other = 1 / (1 + np.exp(np.clip(odds, -MANY, MANY)))
+    return Alignment(np.nan_to_num(shift_m), sigma_m, coherence, other)
+
+
+def _sum(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:
+    """Compute Σ O_f e^{jk_f Δ} [n], to first order the tones' sum at points shifted by Δ."""
+    return np.asarray((images * np.exp(1j * k * shift_m)).sum(axis=0))
+
+
+def _residual_rad(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray) -> np.ndarray:
+    """Compute the phases of O_f e^{jk_f Δ} [f, n] relative to that of their sum over the tones."""
+    return np.angle(images * np.exp(1j * k * shift_m) * np.conj(_sum(images, k, shift_m)))
 
 
 def filter_by_agreement(
     depth: DepthMap, coherence: np.ndarray, bandwidth_hz: float, config: Joint | Aligned
 ) -> DepthMap:
-    """Average a depth map over neighbouring pixels, and add its predicted 1σ and flags: the new
-    depth map.
+    """Average a depth map over neighbouring pixels with their power as weights, and add the
+    variance by speckle, which the tones of a pixel do not show, to σ².
 
-    coherence [ny, nx]: coherence of the tones at the depths found; bandwidth_hz: bandwidth of the
-    tones. Doubtful pixels are those with low coherence, and those just behind a nearer surface;
-    they become NaN if config.drop_doubtful. σ² is the sum of the variance that the tones of a pixel
-    show and that of the speckle, which they do not show.
+    coherence [ny, nx]: coherence of the tones at the depths found; bandwidth_hz: bandwidth B of the
+    tones. With config.drop_doubtful, pixels without coherence and those more than c/4B behind
+    another one within config.edge_m are dropped.
     """
-    none, grid = coherence < NONE, PixelGrid(depth.x_m, depth.y_m)
-    reach_px = [
-        int(config.edge_m / np.diff(axis).mean() + 1e-6) if len(axis) > 1 else 0
-        for axis in (grid.y_m, grid.x_m)
-    ]
-    half_cell_m = SPEED_OF_LIGHT_M_S / (4 * bandwidth_hz)
-    hidden = beside_nearer(np.where(none, np.nan, depth.z_m), reach_px, half_cell_m)
-    dropped = (none | hidden) & config.drop_doubtful
-    z_m, own_m = (
-        np.where(dropped, np.nan, values_m) for values_m in (depth.z_m, np.asarray(depth.sigma_m))
-    )
+    lost, z_m = coherence < NONE, depth.z_m
+    if config.drop_doubtful:
+        gap_m, surface_m = SPEED_OF_LIGHT_M_S / (4 * bandwidth_hz), np.where(lost, np.nan, z_m)
+        z_m = np.where(lost | behind_outline(surface_m, config, gap_m), np.nan, z_m)
     power = 10 ** (depth.amplitude_db.astype(np.float64) / 10)
-    speckle_m = speckle_spread_m(grid.points_m(z_m), np.sqrt(power), config.filter_px)
-    wrapped = np.isfinite(z_m) & (np.asarray(depth.wrapped) | (coherence < ALIGNED) | hidden)
     smooth_m = masked_mean(z_m, config.filter_px, power)
-    return replace(depth, z_m=smooth_m, sigma_m=np.hypot(speckle_m, own_m), wrapped=wrapped)
+    sigma_m = np.hypot(speckle_m(z_m, smooth_m, np.sqrt(power)), np.asarray(depth.sigma_m))
+    wrapped = np.isfinite(z_m) & np.asarray(depth.wrapped)
+    return replace(depth, z_m=smooth_m, sigma_m=sigma_m, wrapped=wrapped)
 
 
-def beside_nearer(z_m: np.ndarray, reach_px: Sequence[int], gap_m: float) -> np.ndarray:
-    """Return True for pixels of a depth map z_m [ny, nx] that have, within ±reach_px pixels (y, x),
-    a depth nearer by more than gap_m, metres.
-
-    At such an outline, the side lobes of bright surfaces behind are stronger than the dark edge
-    itself.
-    """
+def behind_outline(z_m: np.ndarray, config: Joint | Aligned, gap_m: float) -> np.ndarray:
+    """Return True for pixels of a depth map z_m [ny, nx] that have, within config.edge_m along x
+    and y, a depth nearer by more than gap_m, metres: at an outline, the side lobes of bright
+    surfaces behind are stronger than the dark edge itself."""
     from scipy.ndimage import minimum_filter
 
-    nearest_m = minimum_filter(
-        np.where(np.isfinite(z_m), z_m, np.inf), [1 + 2 * n for n in reach_px]
-    )
+    window_px = [1 + 2 * int(config.edge_m / axis.step_m + 1e-6) for axis in (config.y, config.x)]
+    nearest_m = minimum_filter(np.where(np.isfinite(z_m), z_m, np.inf), window_px)
     return np.asarray(z_m > nearest_m + gap_m)
 
 
@@ -201,26 +189,22 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
     """
     echoes = FskEchoes.of(capture, config, frame)
     config = echoes.config
-    step, uncertainty = echoes.first_step(), Uncertainty(config)
-    uncertainty.add(step)
-    z_m, amplitude, doubtful = step.z_m, step.amplitude, uncertainty.wrapped
+    step = echoes.first_step()
+    z_m, amplitude, wrapped = step.z_m, step.amplitude, doubtful_on_plane(step)
     grid, tones_hz = config.pixels, echoes.frequencies_hz[: len(config.tones_hz)]
     reach_m = config.reach_m
     for _ in range(config.refinements):
         step = echoes.image(masked_mean(z_m, config.filter_px, amplitude**2), len(tones_hz))
-        rise = np.broadcast_to(2 / step.factor, len(step.index))
-        found = align(step.images, tones_hz, rise, reach_m)
-        z_m, sigma_m = (
-            grid.on_map(step.index, values_m)
-            for values_m in (step.formed_m + found.shift_m, found.sigma_m)
-        )
+        found = align(step.images, tones_hz, 2 / step.factor * np.ones(len(step.index)), reach_m)
+        z_m = grid.on_map(step.index, step.formed_m + found.shift_m)
         coherence, amplitude = grid.on_map(step.index, found.coherence, 0.0), step.amplitude
-        doubtful = doubtful | (grid.on_map(step.index, found.other > WRAP_PROBABILITY, 0) > 0)
+        wrapped = wrapped | (grid.on_map(step.index, found.other, 0) > WRAP_PROBABILITY)
         if config.drop_doubtful and (coherence >= NONE).any():
             z_m[coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
     db, settings = amplitude_db(amplitude), config.model_dump()
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, doubtful)
+    sigma_m = grid.on_map(step.index, found.sigma_m)
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, wrapped)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)
     seen = db >= config.threshold_db  # at the final depth, not in the first plane
     z_m, sigma_m = (
@@ -247,19 +231,3 @@ def broadband_aligned(capture: RadarCapture, config: Aligned, frame: int = 0) ->
     coherence, bandwidth_hz = grid.on_map(index, found.coherence, 1.0), float(np.ptp(hz[some]))
     depth = replace(depth, z_m=z_m, sigma_m=sigma_m)
     return filter_by_agreement(depth, coherence, bandwidth_hz, config)
-
-
-def _turned(images: np.ndarray, k: np.ndarray, shift_m: np.ndarray | float) -> np.ndarray:
-    """Multiply images [f, n] by the phase factors e^{jk·shift_m}, k [f, n] in rad/m: to first
-    order, these are the images at points shifted along z by shift_m."""
-    return np.asarray(images * np.exp(1j * k * shift_m))
-
-
-def _sum(images: np.ndarray) -> np.ndarray:
-    return np.asarray(images.sum(axis=0))
-
-
-def _residual(images: np.ndarray) -> np.ndarray:
-    """Return the phases [f, n] of images relative to the phase of their sum over the tones,
-    radians."""
-    return np.angle(images * np.conj(_sum(images)))

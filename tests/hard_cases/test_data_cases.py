@@ -11,7 +11,7 @@ import numpy as np
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.cpu.exact import exact_images
-from handbench.radar.methods.depth_uncertainty import UNRELATED_RAD, WRAP_PROBABILITY
+from handbench.radar.methods.depth_uncertainty import NOISE, WRAP_PROBABILITY
 from handbench.radar.methods.fsk import Fsk
 from tests.hard_cases.cases import U_SINGLE, Seen, Works, hard_case, refusal
 from tests.hard_cases.scenes import (
@@ -38,8 +38,7 @@ from tests.references.balls import balls, off
 RANGE_MM = 1e3 * C / (4 * 10e9) + VOXEL_MM  # half a range cell of broadband, and half a voxel
 SNR_DB = (60, 40, 30, 20, 15, 10, 5, 0, -10, -30)
 DRAWS = 4
-# Where `radar.methods.depth_uncertainty.incoherent` begins.
-SATURATION = np.hypot(np.pi / 3, UNRELATED_RAD) / UNRELATED_RAD
+SATURATION = 1 / (3 * NOISE)  # phase error over amplitude error where noise is flagged
 CHANNELS = ((0, 0), (5, 6), (11, 2))
 PAPER = Fsk()
 
