@@ -27,9 +27,11 @@ from handbench.radar.imaging.tree import (
     Box,
     Family,
     Node,
+    NodeStack,
     child_node,
     needs_direct_sum,
     root_node,
+    stack,
 )
 from handbench.support.cost import require_memory
 from handbench.support.parallel import one_blas_thread
@@ -95,6 +97,7 @@ class TreePlan:
         self.top_node = child_node(self.root_node, box, family, keep_antennas=True)
         self._cells: dict[int, Node] = {}
         self._leaves: dict[int, Node] = {}
+        self._stacks: dict[int, tuple[list[int], NodeStack]] = {}
 
     def cell(self, cell: int) -> Node:
         """Return the node (tones, antennas and their weights) of the cell with this number."""
@@ -112,15 +115,20 @@ class TreePlan:
             self._leaves[leaf] = child_node(parent, box, self.family)
         return self._leaves[leaf]
 
-    def leaves_in(self, where: SortedPoints) -> dict[int, list[tuple[int, int, int]]]:
-        """Group the leaves that contain sorted points by their cells: cell → (leaf, indices at
-        which its points begin and end) of each."""
-        groups: dict[int, list[tuple[int, int, int]]] = {}
-        for leaf, (start, stop) in zip(
-            where.leaf.tolist(), pairwise(where.starts.tolist()), strict=True
-        ):
-            groups.setdefault(leaf // self.leaves_per_cell, []).append((leaf, start, stop))
-        return groups
+    def touched(self, where: SortedPoints) -> dict[int, slice]:
+        """Find the cells that contain sorted points: cell → slice of `where.leaf`, its leaves."""
+        cells, first = np.unique(where.leaf // self.leaves_per_cell, return_index=True)
+        bounds = pairwise([*first.tolist(), len(where.leaf)])
+        return {cell: slice(*ends) for cell, ends in zip(cells.tolist(), bounds, strict=True)}
+
+    def stack(self, leaves: list[int]) -> NodeStack:
+        """Stack the nodes of some leaves of one cell. The last stack of each cell is kept."""
+        cell = leaves[0] // self.leaves_per_cell
+        numbers, stacked = self._stacks.get(cell, (None, None))
+        if stacked is None or numbers != leaves:
+            stacked = stack([self.leaf(leaf) for leaf in leaves])
+            self._stacks[cell] = leaves, stacked
+        return stacked
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that
@@ -192,7 +200,8 @@ class GridPlan:
             else TreePlan(frequencies_hz, aperture, Box(*self.nodes.ends_m), family)
         )
         if self.tree is not None:
-            self._sorted = self.tree.sort(self.nodes.points_m().reshape(-1, 3))
+            first = self.nodes_at(self.nodes.z_m[:1])
+            self._sorted = self.tree.sort(first.points_m().reshape(-1, 3))
             terms = exact_terms(int(np.prod(self.nodes.shape)) * len(frequencies_hz), aperture)
             if planning_terms(self._sorted, self.tree, aperture) > max(PLANNED, terms):
                 self.tree = None
@@ -250,9 +259,16 @@ class GridPlan:
         return np.concatenate(waves, axis=-1)
 
     def sort(self, nodes: VoxelGrid) -> SortedPoints:
-        """Sort the nodes, `nodes_at` any depth, by the tree's cells and leaves."""
+        """Sort the nodes, `nodes_at` any depth, by the tree's cells and leaves. The order is that
+        of the first depth, unless the leaves of a plan for planes form several layers along z."""
         assert self.tree is not None
-        return self.tree.sort(nodes.points_m().reshape(-1, 3)) if self.planes else self._sorted
+        if not self.planes:
+            return self._sorted
+        if self.tree.cells[2] * self.tree.leaves[2] > 1:
+            return self.tree.sort(nodes.points_m().reshape(-1, 3))
+        points_m = self._sorted.points_m.copy()
+        points_m[2] = nodes.z_m
+        return self._sorted._replace(points_m=points_m)
 
 
 def _outermost(position_m: np.ndarray) -> np.ndarray:
@@ -272,7 +288,7 @@ def node_cost(aperture: Aperture) -> float:
 def planning_terms(where: SortedPoints, plan: TreePlan, aperture: Aperture) -> float:
     """Return the cost of choosing tones and antennas for the cells and leaves that contain points.
     Unit: one term of an array's exact sum, for one point, tone and channel."""
-    return (len(plan.leaves_in(where)) + len(where.leaf)) * node_cost(aperture)
+    return (len(plan.touched(where)) + len(where.leaf)) * node_cost(aperture)
 
 
 def exact_terms(images: int, aperture: Aperture) -> float:

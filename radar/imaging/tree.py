@@ -128,6 +128,56 @@ class Node:
         return (self.box.centre_m, self.turns_per_m, *legs)
 
 
+class NodeStack(NamedTuple):
+    """The n nodes of some boxes as arrays, each padded with zeros to common sizes.
+
+    counts [n, 3]: numbers of tones, transmitters and receivers; centre_m [n, 3]; turns_per_m [n,
+    k]; tone_weights [n, k, parent's k]. legs: for transmitters and for receivers the float32
+    weights [n, a, parent's a], and float64 shifts [n, parent's a], lengths [n, a] and positions [n,
+    a, 3], metres. Weights are identities where a node keeps all.
+    """
+
+    counts: np.ndarray
+    centre_m: np.ndarray
+    turns_per_m: np.ndarray
+    tone_weights: np.ndarray
+    legs: tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], ...]
+
+
+def stack(nodes: list[Node]) -> NodeStack:
+    """Stack nodes as arrays, for compiled code and for devices."""
+    tones = [len(node.turns_per_m) for node in nodes]
+    antennas = [[len(node.legs[leg].length_m) for node in nodes] for leg in (0, 1)]
+    legs = tuple(
+        (
+            _stacked_weights([node.leg_weights[leg] for node in nodes], antennas[leg]),
+            _padded([node.shifts_m[leg] for node in nodes]),
+            _padded([node.legs[leg].length_m for node in nodes]),
+            _padded([node.legs[leg].position_m for node in nodes]),
+        )
+        for leg in (0, 1)
+    )
+    return NodeStack(
+        np.array([tones, *antennas]).T.copy(),
+        np.array([node.box.centre_m for node in nodes]),
+        _padded([node.turns_per_m for node in nodes]),
+        _stacked_weights([node.tone_weights for node in nodes], tones),
+        legs,
+    )
+
+
+def _stacked_weights(weights: list[np.ndarray], counts: list[int]) -> np.ndarray:
+    full = [array if array.size else np.eye(n) for array, n in zip(weights, counts, strict=True)]
+    return _padded(full).astype(np.float32)
+
+
+def _padded(arrays: list[np.ndarray]) -> np.ndarray:
+    stacked = np.zeros((len(arrays), *np.max([array.shape for array in arrays], axis=0)))
+    for row, array in zip(stacked, arrays, strict=True):
+        row[tuple(map(slice, array.shape))] = array
+    return stacked
+
+
 class Family(NamedTuple):
     """Settings that all boxes of a tree share.
 

@@ -10,15 +10,14 @@ from itertools import product
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu.adjoint import PackedScatterers, scatter, to_parent
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
-from handbench.radar.imaging.cpu.forward import complex_samples, image_leaf, planes, to_child, turn
+from handbench.radar.imaging.cpu.forward import complex_samples, gather, planes, to_child
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
-from handbench.radar.imaging.peaks import Peaks, root_mean_square, strongest
+from handbench.radar.imaging.peaks import Peaks, strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
-from handbench.radar.imaging.tree import Box, Family, Node, child_node, root_node
+from handbench.radar.imaging.tree import Node
 from handbench.support.parallel import for_each, one_blas_thread
 
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
@@ -33,24 +32,20 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
         root = _down(planes(samples), plan.root_node, plan.top_node)
     images = np.empty((len(samples) if plan.family.apart else 1, len(where.order)), np.complex64)
 
-    def work(group: tuple[int, list[tuple[int, int, int]]]) -> None:
-        node = plan.cell(group[0])
-        below = _down(root, plan.top_node, node)
-        for leaf, start, stop in group[1]:
-            image_leaf(
-                below,
-                node.turns_per_m,
-                plan.leaf(leaf).step,
-                plan.leaf(leaf).place,
-                plan.passes,
-                plan.reference_m,
-                where.points_m,
-                start,
-                stop,
-                images,
-            )
+    def work(group: tuple[int, slice]) -> None:
+        node, leaves = plan.cell(group[0]), group[1]
+        gather(
+            _down(root, plan.top_node, node),
+            node.turns_per_m,
+            plan.stack(where.leaf[leaves].tolist()),
+            plan.passes,
+            plan.reference_m,
+            where.points_m,
+            where.starts[leaves.start : leaves.stop + 1],
+            images,
+        )
 
-    for_each(work, list(plan.leaves_in(where).items()))
+    for_each(work, list(plan.touched(where).items()))
     unsorted = np.empty_like(images)
     unsorted[:, where.order] = images
     return unsorted
@@ -59,23 +54,24 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
 def echoes(plan: TreePlan, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
     """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t, r],
     or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
-    groups = plan.leaves_in(where)
+    groups = plan.touched(where)
     parts: dict[int, np.ndarray] = {}
 
     def work(cell: int) -> None:
         node = plan.cell(cell)
         shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
         samples = np.zeros(shape, np.float32)
-        for leaf, start, stop in groups[cell]:
+        for i in range(len(where.leaf))[groups[cell]]:
+            leaf = plan.leaf(int(where.leaf[i]))
             samples += scatter(
                 source,
                 node.turns_per_m,
-                plan.leaf(leaf).step,
-                plan.leaf(leaf).place,
+                leaf.step,
+                leaf.place,
                 plan.passes,
                 plan.reference_m,
-                start,
-                stop,
+                where.starts[i],
+                where.starts[i + 1],
             )
         parts[cell] = _up(samples, plan.top_node, node)
 
@@ -87,48 +83,6 @@ def echoes(plan: TreePlan, source: PackedScatterers, where: SortedPoints) -> np.
             plan.top_node,
         )
     return complex_samples(samples)
-
-
-class ToneSkeleton:
-    """The few tones frequencies_hz [k] of which all f tones are linear combinations within the box
-    from low_m to high_m [3], to a relative `tolerance` (128 tones → 11 for 20 mm at 1e-6).
-
-    `compress` converts samples to these tones, so that exact images of points in the box are
-    cheaper. It is a node of `radar.imaging.tree` with the phase of the path to the box's centre put
-    back, so that its samples are ordinary samples at fewer tones.
-    """
-
-    def __init__(
-        self,
-        frequencies_hz: np.ndarray,
-        aperture: Aperture,
-        low_m: np.ndarray,
-        high_m: np.ndarray,
-        tolerance: float,
-    ) -> None:
-        self._all = root_node(frequencies_hz, aperture)
-        self._few = child_node(
-            self._all, Box(low_m, high_m), Family(tolerance, apart=False), keep_antennas=True
-        )
-        self.frequencies_hz = self._few.turns_per_m * SPEED_OF_LIGHT_M_S
-
-    def compress(self, samples: np.ndarray) -> np.ndarray:
-        """Convert samples [f, t, r] of all tones to samples [k, t, r] of the few tones, which have
-        the same image in the box."""
-        return complex_samples(self._centred(_down(planes(samples), self._all, self._few), -1.0))
-
-    def expand(self, samples: np.ndarray) -> np.ndarray:
-        """Convert echoes [k, t, r] of scatterers in the box, simulated at the few tones, to echoes
-        [f, t, r] at all tones: the adjoint of `compress`."""
-        return complex_samples(_up(self._centred(planes(samples), 1.0), self._all, self._few))
-
-    def _centred(self, samples: np.ndarray, sign: float) -> np.ndarray:
-        return turn(
-            samples,
-            self._few.turns_per_m,
-            *(leg.length_m for leg in self._few.legs),
-            np.float32(sign),
-        )
 
 
 def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
@@ -153,17 +107,10 @@ def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) 
 def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
     """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
     at the nodes give by interpolation, without storing the volume."""
-    peaks = Peaks.empty(plan.grid.shape[1:], plan.family.tolerance * root_mean_square(images))
+    peaks = Peaks.empty(plan.grid.shape[1:])
 
     def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-        strongest(
-            re,
-            im,
-            peaks.index[rows],
-            peaks.magnitude[:, rows],
-            peaks.rival[rows],
-            peaks.second[rows],
-        )
+        strongest(re, im, peaks.index[rows], peaks.magnitude[:, rows])
 
     _upsample(plan, nodes, images, keep)
     return peaks

