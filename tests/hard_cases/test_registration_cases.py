@@ -25,12 +25,7 @@ from handbench.calibration.spheres.description import (
     default_target,
     match,
 )
-from handbench.calibration.spheres.optical_detection import (
-    OrientedPoints,
-    Sphere,
-    find_spheres,
-    fit_sphere,
-)
+from handbench.calibration.spheres.optical_detection import Sphere, find_spheres, fit_sphere
 from handbench.calibration.spheres.radar_detection import DetectedBall
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
@@ -196,9 +191,7 @@ def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Spher
     made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()
     points_m = (made_m + noise_m * rng.standard_normal(len(normals)))[:, None] * normals
     start_m = 1e-3 * np.array([1, -1, 1])
-    return fit_sphere(
-        OrientedPoints(points_m, normals, oriented=True), start_m, RADIUS_M, (0,), RADIUS_SIGMA_M
-    )
+    return fit_sphere(points_m, normals, start_m, RADIUS_M, (0,), RADIUS_SIGMA_M)
 
 
 def in_sigmas(found: Candidate, centre_m: np.ndarray) -> float:
@@ -241,9 +234,8 @@ def test_exact_sphere() -> Seen:
     points_m = np.array(list(product(range(-9, 10), repeat=3)), float)
     points_m = points_m[(points_m**2).sum(axis=1) == 81] * 2.0**-9  # lengths without a rounding
     radius_m = 9 * 2.0**-9
-    cloud = OrientedPoints(points_m, points_m / radius_m, oriented=True)
     for sigma_m in (0.0, RADIUS_SIGMA_M):
-        found = fit_sphere(cloud, np.zeros(3), radius_m, (0,), sigma_m)
+        found = fit_sphere(points_m, points_m / radius_m, np.zeros(3), radius_m, (0,), sigma_m)
         known = found is not None and np.isfinite(found.covariance_m2).all()
         yield f"radius known to {sigma_m:g} m", np.linalg.norm(found.centre_m) if known else np.inf
 
