@@ -189,30 +189,24 @@ def load_transform(path: str | Path) -> Transform:
     """Read a transform from a JSON file. Raises HandbenchError unless its matrix is a finite 4×4
     similarity without reflection and its covariance, if there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
-    if not isinstance(content, dict) or not {"from", "to", "matrix"} <= content.keys():
+    if not isinstance(content, dict) or not all(
+        isinstance(content.get(key), str) for key in ("from", "to")
+    ):
         raise HandbenchError(
-            f'{path}: is not a transform file; expected the keys "from", "to" and "matrix" (4×4)'
+            f'{path}: is not a transform file; expected the keys "from" and "to" with the names of '
+            'two frames, and "matrix" (4×4)'
         )
-    source, target = content["from"], content["to"]
-    if not isinstance(source, str) or not isinstance(target, str):
-        raise HandbenchError(
-            f"{path}: 'from' and 'to' are {source!r} and {target!r}; expected the names of two "
-            "frames"
-        )
-    matrix = checked_numbers(path, "matrix", content["matrix"], [(4, 4)])
+    matrix = checked_numbers(path, "matrix", content.get("matrix"), [(4, 4)])
     linear = matrix[:3, :3]
     scale2 = np.trace(linear @ linear.T) / 3
     if (
         np.linalg.det(linear) <= 0
         or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2
+        or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12
     ):
         raise HandbenchError(
-            f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear); "
-            "calibrate again"
-        )
-    if np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12:
-        raise HandbenchError(
-            f"{path}: the last row of 'matrix' is {matrix[3].tolist()}; expected [0, 0, 0, 1]"
+            f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear, "
+            "or its last row is not [0, 0, 0, 1]); calibrate again"
         )
     residuals_m = checked_numbers(path, "residuals_m", content.get("residuals_m") or [], None)
     covariance = content.get("covariance")
@@ -234,7 +228,7 @@ def load_transform(path: str | Path) -> Transform:
             f"""{path}: 'refined' has no "reason"; use a file that `handbench calibrate """
             "--refine` wrote"
         )
-    return Transform(source, target, matrix, covariance, residuals_m, refined)
+    return Transform(content["from"], content["to"], matrix, covariance, residuals_m, refined)
 
 
 def checked_numbers(

@@ -14,22 +14,22 @@ and a phase that changes linearly over the aperture looks almost like a motion o
 means are 0; the motion is small and the same for all images.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from handbench.calibration.array.array_file import ArrayCalibration, Side
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import Target, match
-from handbench.calibration.spheres.radar_detection import find_balls, mimo_array
+from handbench.calibration.spheres.radar_detection import DetectedBall, find_balls, mimo_array
 from handbench.calibration.transforms import umeyama
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 
-ROUNDS = 2  # the balls' places after the first round are within micrometres of those after more
 SWEEPS = 20  # of alternating least squares
 WEAKEST = 0.1  # antennas whose gain is less than this share of the median are dead
 # a ball is stronger than the foam and than the side lobes of an imperfect array
@@ -37,7 +37,7 @@ THRESHOLD_DB = -10.0
 # distance of a ball from its described place, in standard deviations of the target's manufacture
 FARTHEST_SIGMAS = 4.0
 LEAST_SIGMA_M = 5e-5  # of the manufacture
-TINY = 1e-30  # below any squared gain
+TINY = 1e-15  # below any gain
 
 
 def estimate_array(
@@ -51,28 +51,48 @@ def estimate_array(
     are not where the target's description has them.
     """
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True), frame_times_s=None)
-    calibrated = mean
-    for _ in range(ROUNDS):
-        found = find_balls(calibrated, target, THRESHOLD_DB)
-        balls = match(found, target, "echoes")
-        missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
-        if missing:
+    balls = match(find_balls(mean, target, THRESHOLD_DB), target, "echoes")
+    missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
+    if missing:
+        raise HandbenchError(
+            f"{source}: the elements {', '.join(missing)} of the target are not visible, but an "
+            "array calibration needs all; check the target's description and place"
+        )
+    first = _fit_responses(mean, target, _placed(target, balls), source)
+    balls = _fitted_balls(first.applied_to(mean), target, source)
+    return _fit_responses(mean, target, _placed(target, balls), source)
+
+
+def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict[int, DetectedBall]:
+    """Fit the target's balls to calibrated echoes. Raises HandbenchError if these show another
+    thing as strong as a ball, or a ball that is not at its described place."""
+    echoes = find_balls(calibrated, target, THRESHOLD_DB)
+    balls = match(echoes, target, "echoes")
+    for other in echoes:
+        if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
             raise HandbenchError(
-                f"{source}: the elements {', '.join(missing)} of the target are not visible, but "
-                "an array calibration needs all; check the target's description and place"
+                f"{source}: something at {np.round(other.peak_m, 3)} m echoes with "
+                f"{other.level_db:.0f} dB of the strongest ball; remove it from the view, and "
+                "check the description of the target"
             )
-        seen_m = np.array([balls[i].centre_m for i in range(len(target.element))])
-        calibration = _fit_responses(mean, target, _placed(target, seen_m), source)
-        calibrated = calibration.applied_to(mean)
-    _require_target(calibrated, target, source)
-    return calibration
+    balls = fit_balls(calibrated, target, balls, echoes)
+    placed_m = _placed(target, balls)
+    off_m = np.array([np.linalg.norm(ball.centre_m - placed_m[i]) for i, ball in balls.items()])
+    limit_m = FARTHEST_SIGMAS * max(target.ball_offset_sigma_m, LEAST_SIGMA_M)
+    if off_m.max() > limit_m:
+        raise HandbenchError(
+            f"{source}: element {[*balls][off_m.argmax()] + 1} of the target is "
+            f"{1e3 * off_m.max():.2f} mm away from its place in the description; expected less "
+            f"than {1e3 * limit_m:.2f} mm; measure the target again"
+        )
+    return balls
 
 
-def _placed(target: Target, seen_m: np.ndarray) -> np.ndarray:
-    """Return the balls' centres [i, 3] as described, moved by the rigid motion that fits the
-    measured centres seen_m [i, 3] best."""
+def _placed(target: Target, balls: Mapping[int, DetectedBall]) -> np.ndarray:
+    """Return the centres [i, 3] of all balls as described, moved by the rigid motion that fits the
+    measured ones best."""
     described_m = target.centres_m + target.ball_offsets_m
-    pose = umeyama(described_m, seen_m)
+    pose = umeyama(described_m[list(balls)], np.array([b.centre_m for b in balls.values()]))
     return described_m @ pose[:3, :3].T + pose[:3, 3]
 
 
@@ -132,8 +152,9 @@ def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.nda
     centred_k = k - (k * power).sum(axis=0) / energy
     energy_k2 = (power * centred_k**2).sum(axis=0)
     gains = seen.sum(axis=0) / energy
-    steps_m = -((centred_k * seen).sum(axis=0) * gains.conj()).imag / energy_k2
-    return _Fit(gains, delays_m + steps_m / np.maximum(np.abs(gains) ** 2, TINY), energy, energy_k2)
+    slopes = (centred_k * seen).sum(axis=0) * gains.conj()
+    steps_m = -slopes.imag / energy_k2 / np.maximum(np.abs(gains), TINY) ** 2
+    return _Fit(gains, delays_m + steps_m, energy, energy_k2)
 
 
 def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> Side:
@@ -141,48 +162,17 @@ def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> Side:
     with the mean log level, phase and delay 0 over the antennas that work. Their delays are shrunk
     by the share of noise in their variance (James–Stein). noise: variance of a sample's real part.
     """
-    level = np.abs(fit.gains)
+    level = np.maximum(np.abs(fit.gains), TINY)
     live = level > WEAKEST * np.median(level)
-    phase = fit.gains[live] / level[live]
-    mean_gain = np.exp(np.log(level[live]).mean()) * phase.mean() / np.abs(phase.mean())
-    deviations_m = fit.delays_m[live] - fit.delays_m[live].mean()
-    delay_sigma_m = np.sqrt(noise / fit.energy_k2[live]) / level[live]
-    share = 1 - min(1.0, (delay_sigma_m**2).mean() / deviations_m.var())
-
-    def every(values: np.ndarray, dead: float) -> list[Any]:
-        result = np.full((len(live), *values.shape[1:]), dead)
-        result[live] = values
-        return result.tolist()
-
-    gains = fit.gains[live] / mean_gain
+    phase = (fit.gains / level)[live].mean()
+    gains = fit.gains * np.exp(-np.log(level[live]).mean()) * phase.conj() / np.abs(phase)
+    delays_m = fit.delays_m - fit.delays_m[live].mean()
+    delay_sigma_m = np.sqrt(noise / fit.energy_k2) / level
+    share = 1 - min(1.0, (delay_sigma_m[live] ** 2).mean() / delays_m[live].var())
     return Side(
         nominal_m=nominal_m.tolist(),
-        gain=every(np.column_stack([gains.real, gains.imag]), 0.0),
-        delay_m=every(share * deviations_m, 0.0),
-        gain_sigma=every(np.sqrt(noise / fit.energy[live]) / level[live], 1.0),
-        delay_sigma_m=every(delay_sigma_m, 1.0),
+        gain=np.where(live, [gains.real, gains.imag], 0.0).T.tolist(),
+        delay_m=np.where(live, share * delays_m, 0.0).tolist(),
+        gain_sigma=np.where(live, np.sqrt(noise / fit.energy) / level, 1.0).tolist(),
+        delay_sigma_m=np.where(live, delay_sigma_m, 1.0).tolist(),
     )
-
-
-def _require_target(calibrated: RadarCapture, target: Target, source: str) -> None:
-    """Raise HandbenchError if the calibrated echoes show another thing as strong as a ball, or a
-    ball that is not at its described place."""
-    found = find_balls(calibrated, target, THRESHOLD_DB)
-    balls = match(found, target, "echoes")
-    for other in found:
-        if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
-            raise HandbenchError(
-                f"{source}: something at {np.round(other.peak_m, 3)} m echoes with "
-                f"{other.level_db:.0f} dB of the strongest ball; remove it from the view, and "
-                "check the description of the target"
-            )
-    fitted = fit_balls(calibrated, target, balls, found)
-    seen_m = np.array([fitted[i].centre_m for i in sorted(fitted)])
-    off_m = np.linalg.norm(seen_m - _placed(target, seen_m), axis=1)
-    limit_m = FARTHEST_SIGMAS * max(target.ball_offset_sigma_m, LEAST_SIGMA_M)
-    if off_m.max() > limit_m:
-        raise HandbenchError(
-            f"{source}: element {off_m.argmax() + 1} of the target is {1e3 * off_m.max():.2f} mm "
-            f"away from its place in the description; expected less than {1e3 * limit_m:.2f} mm; "
-            "measure the target again"
-        )

@@ -11,7 +11,7 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
@@ -32,7 +32,6 @@ GROSS = 10.0  # standard deviations beyond which a pair contradicts a transform
 LEAST = 4  # pairs that must agree before another is called wrong
 CONDITION = 20.0  # of the rotation, at most: planar centres whose second extent is 5 % of the first
 DEGENERATE = 1e3  # condition of three pairs that propose nothing
-SIDES = ("source_m", "target_m", "source_cov_m2", "target_cov_m2")
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Pairs:
     target_m: np.ndarray
     source_cov_m2: np.ndarray
     target_cov_m2: np.ndarray
-    names: tuple[str, ...]
+    names: np.ndarray
 
     @classmethod
     def of(
@@ -56,9 +55,9 @@ class Pairs:
         """Make pairs from the measured centres of two sensors, listed in the same order. Raises
         HandbenchError for fewer than three, for numbers that are not finite, and for covariances
         that are not positive definite."""
-        if len(source) != len(target) or len(source) < 3:
+        if len(source) < 3:
             raise HandbenchError(
-                f"target: only {min(len(source), len(target))} elements are found both in the "
+                f"target: only {len(source)} elements are found both in the "
                 "photographs and in the echoes; expected 3 or more; check that all elements are "
                 "in view"
             )
@@ -75,27 +74,18 @@ class Pairs:
                 )
         centres_m = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
         cov_m2 = (np.array([c.covariance_m2 for c in side]) for side in (source, target))
-        return cls(*centres_m, *cov_m2, names)
+        return cls(*centres_m, *cov_m2, np.array(names))
 
     def __len__(self) -> int:
         return len(self.names)
 
     def __getitem__(self, chosen: np.ndarray) -> "Pairs":
         """Return the pairs with these indices, or where a mask [n] is True."""
-        sides = {side: getattr(self, side)[chosen] for side in SIDES}
-        return Pairs(**sides, names=tuple(np.array(self.names)[chosen]))
+        return Pairs(*(values[chosen] for values in vars(self).values()))
 
     def __add__(self, other: "Pairs") -> "Pairs":
-        both = {side: np.concatenate([getattr(self, side), getattr(other, side)]) for side in SIDES}
-        return Pairs(**both, names=self.names + other.names)
-
-    def mirrored(self) -> "Pairs":
-        """Return the pairs with all source points mirrored at the plane z = 0."""
-        flip = np.array([1.0, 1.0, -1.0])
-        return replace(
-            self,
-            source_m=self.source_m * flip,
-            source_cov_m2=self.source_cov_m2 * np.outer(flip, flip),
+        return Pairs(
+            *map(np.concatenate, zip(*(vars(side).values() for side in (self, other)), strict=True))
         )
 
     @property
@@ -143,7 +133,7 @@ def fit(pairs: Pairs) -> RigidFit:
     Gauss–Newton steps start from the closed form (Umeyama 1991, weighted). The covariance is the
     inverse of JᵀC⁻¹J; if the residuals contradict it (99 %), it is enlarged by χ² over the degrees
     of freedom. Coordinates are relative to the pairs' middle: far from it, rotation and translation
-    are numerically indistinguishable. Raises HandbenchError for singular equations.
+    are numerically indistinguishable.
     """
     p_mean, q_mean = pairs.source_m.mean(axis=0), pairs.target_m.mean(axis=0)
     near = replace(pairs, source_m=pairs.source_m - p_mean, target_m=pairs.target_m - q_mean)
@@ -154,13 +144,7 @@ def fit(pairs: Pairs) -> RigidFit:
         offsets, information = near.offsets(matrix), near.information(matrix[:3, :3])
         jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :6] @ units
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
-        try:
-            factor = cho_factor(normal)
-        except LinAlgError as error:
-            raise HandbenchError(
-                "target: the centres found in the photographs and in the echoes disagree so far "
-                "that no transform fits; check the matching and the covariances"
-            ) from error
+        factor = cho_factor(normal)
         step = cho_solve(factor, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
         change = np.eye(4)
         change[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
@@ -191,7 +175,8 @@ def majority(pairs: Pairs) -> tuple[np.ndarray, RigidFit]:
     if not agree.any():
         _require_condition(pairs)
     if not agree.all():
-        mirrored = int(_agreeing(pairs.mirrored(), needed).sum())
+        inverted = replace(pairs, source_m=-pairs.source_m)  # a mirror image, turned by 180°
+        mirrored = int(_agreeing(inverted, needed).sum())
         if mirrored >= needed and mirrored > agree.sum():
             raise HandbenchError(
                 f"target: {mirrored} of {len(pairs)} pairs of centres fit a mirror image of the "

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial.distance import cdist
 
 from handbench.calibration.transforms import umeyama
 from handbench.support.config import Config, Near, load
@@ -135,7 +136,7 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
     a rotation must map all these elements to their candidates.
     """
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
-    wanted_m, measured_m = _pairwise(target.centres_m), _pairwise(centres_m)
+    wanted_m, measured_m = cdist(target.centres_m, target.centres_m), cdist(centres_m, centres_m)
     count = len(target.element)
     found: list[Assignment] = []
     best = 3
@@ -168,7 +169,3 @@ def _is_rotation(chosen: Assignment, elements_m: np.ndarray, centres_m: np.ndarr
     matrix = umeyama(source, target)
     offset = target - source @ matrix[:3, :3].T - matrix[:3, 3]
     return bool(np.linalg.norm(offset, axis=1).max() < TOLERANCE_M)
-
-
-def _pairwise(points_m: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(points_m[:, None] - points_m[None], axis=2)

@@ -106,7 +106,7 @@ NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "expected 4×4 finite
     [
         ({"matrix": np.diag([1.0, 1, -1, 1])}, NO_ROTATION),
         ({"matrix": EYE + 0.01 * np.eye(4, k=1) * [[1], [0], [0], [0]]}, NO_ROTATION),
-        ({"matrix": EYE + 0.1 * np.eye(4)[::-1] * [[0], [0], [0], [1]]}, "expected [0, 0, 0, 1]"),
+        ({"matrix": EYE + 0.1 * np.eye(4)[::-1] * [[0], [0], [0], [1]]}, "last row is not"),
         ({"matrix": [[1, 2], [3]]}, NO_MATRIX),
         ({"matrix": [[10**400] * 4] * 4}, NO_MATRIX),
         ({"matrix": "\n".join("import os" for _ in range(100))}, NO_MATRIX),
@@ -115,7 +115,7 @@ NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "expected 4×4 finite
         ({"covariance": np.eye(5)}, "expected 6×6 or 7×7 finite numbers"),
         ({"covariance": -np.eye(6)}, "'covariance' is not symmetric and positive"),
         ({"residuals_m": [[1.0]]}, "expected a list of finite numbers"),
-        ({"from": ["photo"]}, "expected the names of two frames"),
+        ({"from": ["photo"]}, "names of two frames"),
         ("[]", "expected"),
         ("[" * 100_000, "expected"),
     ],
