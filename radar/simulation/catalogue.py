@@ -115,8 +115,6 @@ SHAPING: tuple[Effect, ...] = (
         _hides,
         multipath.multipath,
     ),
-)
-RECORDING: tuple[Effect, ...] = (
     Effect(
         "motion",
         "the target moves from tone to tone, and its fingers",
@@ -125,6 +123,8 @@ RECORDING: tuple[Effect, ...] = (
         moves,
         motion.motion,
     ),
+)
+RECORDING: tuple[Effect, ...] = (
     Effect(
         "coupling",
         "leakage from transmitters to receivers",

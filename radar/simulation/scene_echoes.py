@@ -56,8 +56,8 @@ class Echoes:
     Effects change the following. array: the true positions of the antennas; pattern: exponent q of
     their amplitude pattern cosᵠθ; surface: the target's facets (None for balls only), which scatter
     evenly and without shadows before any effect; ball_delay_m [n]: extra one-way path of each
-    ball's echo; bounced [f, t, r]: echoes over several places of the target. `shaping` has the
-    functions that did so, in their order.
+    ball's echo; bounced [f, t, r]: echoes over several places of the target; moving: whether each
+    tone sees the target at its own time. `shaping` has the functions that did so, in their order.
     """
 
     scene: EchoScene
@@ -69,6 +69,7 @@ class Echoes:
     ball_delay_m: np.ndarray
     pattern: float = 0.0
     bounced: np.ndarray | None = None
+    moving: bool = False
     shaping: tuple["Shape", ...] = ()
 
     def shape(self, effect: "Shape") -> None:

@@ -9,8 +9,9 @@ import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.catalogue import RECORDING, SHAPING
+from handbench.radar.simulation.effects.motion import moving_samples
 from handbench.radar.simulation.scene import Choice, EchoScene
-from handbench.radar.simulation.scene_echoes import bare_echoes
+from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.support.parallel import one_blas_thread
 
 TARGET = "echoes"  # row of the target's own echoes in the table of effects and times
@@ -70,16 +71,17 @@ def simulate_scene(
             if effect.id in on:
                 timed(effect.id, echoes.shape, effect.apply)
         samples = np.zeros(shape, np.complex64)
-        samples[:frames] = timed(TARGET, echoes.samples)
+        sums = moving_samples if echoes.moving else Echoes.samples
+        samples[:frames] = timed(TARGET, sums, echoes)
         for effect in RECORDING:
             if effect.id in on:
                 samples = timed(effect.id, effect.apply, echoes, samples)
     why = "the target's echoes, with what shapes them"
     rows = (Choice(effect=TARGET, on=True, why=why), *choices)
     return SimulatedCapture(
-        _capture(scene, samples[:frames], "motion" in on),
+        _capture(scene, samples[:frames], echoes.moving),
         tuple(row.model_copy(update={"seconds": seconds.get(row.effect)}) for row in rows),
-        _capture(scene, samples[frames:], "motion" in on) if empty else None,
+        _capture(scene, samples[frames:], echoes.moving) if empty else None,
     )
 
 

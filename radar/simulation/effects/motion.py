@@ -23,18 +23,24 @@ from handbench.radar.simulation.scene_echoes import Echoes
 MOMENT_M = 2e-3  # motion of a surface's fastest point after which its shadows are computed anew
 
 
-def motion(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
+def motion(echoes: Echoes) -> None:
     """Let every tone of every frame see the target where it is at that time."""
-    scene, moving = echoes.scene, samples.copy()
-    moment = echoes
+    echoes.moving = True
+
+
+def moving_samples(echoes: Echoes) -> np.ndarray:
+    """Sum all echoes of the moving target and balls: complex64 [frame, f, t, r]."""
+    scene, moment = echoes.scene, echoes
+    shape = (echoes.frames, len(scene.time_s), *echoes.array.channels)
+    samples = np.empty(shape, np.complex64)
     for frame, start in enumerate(frame_starts(scene, echoes.frames)):
         for tone in np.argsort(scene.time_s, kind="stable"):
             now = scene_at(scene, start.after(float(scene.time_s[tone])))
             if _distance_m(moment.scene, now) > MOMENT_M:
                 near = _distance_m(scene, now) <= MOMENT_M
                 moment = echoes if near else echoes.of(now)
-            moving[frame, tone] = _moved_echo(moment, now, [int(tone)])[0]
-    return moving
+            samples[frame, tone] = _moved_echo(moment, now, [int(tone)])[0]
+    return samples
 
 
 def _distance_m(scene: EchoScene, other: EchoScene) -> float:
@@ -65,13 +71,11 @@ def moved_facets(facets: Facets, before: Body, after: Body) -> Facets:
     becomes that of F⁻ᵀn, and its area grows by det F."""
     used, face = np.unique(facets.face, return_inverse=True)
     (from_m, edges), (to_m, moved) = (_face_frames(body, used) for body in (before, after))
-    maps = (moved @ np.linalg.inv(edges))[face]
-    return replace(
-        facets,
-        position_m=to_m[face] + np.einsum("pij,pj->pi", maps, facets.position_m - from_m[face]),
-        area_m2=facets.area_m2 * np.linalg.det(maps),
-        normal=unit(np.einsum("pji,pj->pi", np.linalg.inv(maps), facets.normal)),
-    )
+    maps = moved @ np.linalg.inv(edges)
+    offset_m = np.einsum("pij,pj->pi", maps[face], facets.position_m - from_m[face])
+    normal = np.einsum("pji,pj->pi", np.linalg.inv(maps)[face], facets.normal)
+    area_m2 = facets.area_m2 * np.linalg.det(maps)[face]
+    return replace(facets, position_m=to_m[face] + offset_m, area_m2=area_m2, normal=unit(normal))
 
 
 def _face_frames(body: Body, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.causes import Causes
 from handbench.radar.simulation.effects import multipath as multipath_effect
-from handbench.radar.simulation.effects.motion import motion
+from handbench.radar.simulation.effects.motion import moving_samples
 from handbench.radar.simulation.effects.multipath import multipath
 from handbench.radar.simulation.physics.bundles import traced_nodes
 from handbench.radar.simulation.physics.ray_tubes import Hits, patches_of, tubes_around
@@ -114,7 +114,7 @@ def test_motion_turns_the_bounces_with_the_target():
     made = state(FINGERS)
     made.scene = replace(made.scene, time_s=np.full(count, 1e-3), causes=causes)
     made.surface = made.surface.where(np.arange(1))  # the bounces alone, but for one facet
-    turned = motion(made, np.zeros((1, count, *SPARSE.channels), np.complex64))[0]
+    turned = moving_samples(made)[0]
     moved = twice(Body(FINGERS.vertices_m + [0, 0, 2e-4], FINGERS.faces))
     # 0.2 mm turn the echoes by 0.6 rad; what is left over is the tubes' borders.
     assert relative_error(turned, moved) < 0.03
