@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.grid import Axis
 from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.simulation.scene import Choice, EchoScene
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
@@ -13,9 +12,6 @@ from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 TOLERANCE = 1e-3  # of samples and images, well below the error of the coarse surfaces
 COARSER = 2.0  # edges of facets and mirrors relative to a full simulation
 TONES = np.array([79.5, 81.8, 82.0]) / 82.0  # of 3-FSK, relative to the highest
-PIXELS = 8000  # of a map, about
-STEP_M = 1e-3, 2e-3  # least and largest side of a pixel
-MARGIN_M = 6e-3  # of the map around the target
 
 
 def explain(scene: EchoScene, choices: tuple[Choice, ...]) -> tuple[Choice, ...]:
@@ -29,8 +25,8 @@ def explain(scene: EchoScene, choices: tuple[Choice, ...]) -> tuple[Choice, ...]
         rows = (row.model_copy(update={"on": row.on and row.effect != without}) for row in choices)
         return simulate_scene(coarse, tuple(rows), tolerance=TOLERANCE)
 
-    x, y, z_m = _box(coarse)
-    config = Fsk(x=x, y=y, first_depth_m=z_m, tones_hz=tuple(tones_hz[::-1]))
+    middle_m = float(scene.points_m[:, 2].mean())
+    config = Fsk(first_depth_m=middle_m, tones_hz=tuple(tones_hz[::-1]))
     whole = simulated()
     changes = {
         row.effect: _changes(whole.capture, simulated(row.effect).capture, config)
@@ -52,14 +48,3 @@ def _changes(whole: RadarCapture, without: RadarCapture, config: Fsk) -> dict[st
         "level_db": 20 * float(np.log10(change)) if change else None,
         "depth_mm": 1e3 * float(moved_m.mean()) if len(moved_m) else None,
     }
-
-
-def _box(scene: EchoScene) -> tuple[Axis, Axis, float]:
-    """Return the axes x and y of a map around the target's facets and balls, and their mean z."""
-    points_m = scene.points_m
-    low_m = points_m.min(axis=0) - MARGIN_M
-    size_m = points_m.max(axis=0) + MARGIN_M - low_m
-    step_m = float(np.clip(np.sqrt(size_m[0] * size_m[1] / PIXELS), *STEP_M))
-    high_m = low_m + step_m * np.ceil(size_m / step_m)
-    x, y = (Axis(start_m=low_m[i], stop_m=high_m[i], step_m=step_m) for i in (0, 1))
-    return x, y, float(points_m[:, 2].mean())

@@ -20,8 +20,7 @@ class Material(Config):
     """The material of a body.
 
     kind: metal, a perfect mirror; skin, layered, with palm_thickness_m of horny layer on the palm,
-    and moist if `wet`; plastic, a dielectric with `permittivity` and `loss_tangent`. A body of the
-    room may have a measured reflectivity instead (`Body`).
+    and moist if `wet`; plastic, a dielectric with `permittivity` and `loss_tangent`.
     """
 
     kind: Literal["metal", "skin", "plastic"] = "metal"
@@ -40,14 +39,14 @@ class Body:
 
     vertices_m [n, 3], faces [m, 3]: the mesh, with faces counter-clockwise as seen from outside.
     palm: mask [m] of the faces with the palm's thick horny layer (None: no face). reflectivity_db:
-    echo amplitude relative to metal in dB; if given, it replaces the material.
+    echo amplitude of a body of the room relative to metal in dB.
     """
 
     vertices_m: np.ndarray
     faces: np.ndarray
     material: Material = field(default_factory=Material)
     palm: np.ndarray | None = None
-    reflectivity_db: float | None = None
+    reflectivity_db: float = 0.0
 
 
 @dataclass(frozen=True)

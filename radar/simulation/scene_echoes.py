@@ -1,7 +1,7 @@
 """The echoes of a scene while they are simulated: what effects shape before the samples are summed,
 and the sums."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,10 +12,11 @@ from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
 from handbench.radar.simulation.physics.reflection import echo_reflections
-from handbench.radar.simulation.physics.spheres import ball_echoes
+from handbench.radar.simulation.physics.spheres import pattern_gain, sphere_echo
 from handbench.radar.simulation.scene import METAL, Body, EchoScene, Material
 from handbench.support.errors import HandbenchError
 
+LONGEST = 0.25  # edge of a facet, wavelengths
 SIGHT_TOLERANCE = 1e-3  # of diffracted echoes: a fifth of the error of interpolating their sight
 Tones = slice | list[int]
 
@@ -44,6 +45,20 @@ class ScatteringSurface:
             layer=self.layer[chosen],
             sight=None if self.sight is None else self.sight.where(chosen),
         )
+
+    def layers(self, frequencies_hz: np.ndarray) -> Iterator[tuple[np.ndarray, Scatterers]]:
+        """Yield the echo amplitude [f] of each layer of the material relative to metal, and the
+        facets with that layer."""
+        facets = self.facets
+        if len(facets) == 0:
+            raise HandbenchError(
+                "target: no facet of its mesh faces the array; check its position, and that its "
+                "normals point outwards"
+            )
+        normal = facets.normal if self.oblique else None
+        optics = Scatterers(facets.position_m, facets.area_m2, normal, sight=self.sight)
+        for n, reflection in enumerate(echo_reflections(self.material, frequencies_hz)):
+            yield reflection, optics.where(self.layer == n)
 
 
 @dataclass(eq=False)
@@ -92,35 +107,19 @@ class Echoes:
     @property
     def points_m(self) -> np.ndarray:
         """Positions [n, 3] of the target's facets and of its balls' centres, metres."""
-        facets = [] if self.surface is None else [require_facets(self.surface.facets).position_m]
+        facets = [] if self.surface is None else [self.surface.facets.position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
 
     def sums(self, tones: Tones = slice(None)) -> np.ndarray:
         """Sum the echoes of the target's surface and of the balls, without bounces: complex64
-        [f, t, r]. tones: indices of the tones f."""
+        [f, t, r]. tones: indices of the tones f. Raises HandbenchError for a surface without
+        facets."""
         frequencies_hz = self.scene.frequencies_hz[tones]
         samples = np.zeros((len(frequencies_hz), *self.array.channels), np.complex64)
-        if self.surface is not None:
-            samples += self._surface_echo(self.surface, tones)
-        return samples + ball_echoes(
-            self.scene, frequencies_hz, self.array, self.ball_delay_m, self.pattern
-        )
-
-    def samples(self) -> np.ndarray:
-        """Sum all echoes of the target and its balls at rest: complex64 [f, t, r]."""
-        return self.sums() if self.bounced is None else self.sums() + self.bounced
-
-    def _surface_echo(self, surface: ScatteringSurface, tones: Tones) -> np.ndarray:
-        """Sum the echoes of a surface: complex64 [f, t, r]. They are the sum over the surface's
-        layers of the echoes of each layer's facets times the layer's reflection."""
-        frequencies_hz = self.scene.frequencies_hz[tones]
-        facets = require_facets(surface.facets)
-        normal = facets.normal if surface.oblique else None
-        every = Scatterers(facets.position_m, facets.area_m2, normal, sight=surface.sight)
-        samples = np.zeros((len(frequencies_hz), *self.array.channels), np.complex64)
-        for n, reflection in enumerate(echo_reflections(surface.material, frequencies_hz)):
+        layers = () if self.surface is None else self.surface.layers(frequencies_hz)
+        for reflection, layer in layers:
             echoes = simulate(
-                every.where(surface.layer == n),
+                layer,
                 frequencies_hz,
                 self.array,
                 tolerance=self.tolerance,
@@ -128,7 +127,14 @@ class Echoes:
                 sight_tolerance=SIGHT_TOLERANCE,
             )
             samples += echoes * reflection[:, None, None]
+        for ball, delay_m in zip(self.scene.balls, self.ball_delay_m, strict=True):
+            echo = sphere_echo(ball.centre_m, ball.radius_m, delay_m, frequencies_hz, self.array)
+            samples += echo * pattern_gain(ball.centre_m, self.array, self.pattern)
         return samples
+
+    def samples(self) -> np.ndarray:
+        """Sum all echoes of the target and its balls at rest: complex64 [f, t, r]."""
+        return self.sums() if self.bounced is None else self.sums() + self.bounced
 
 
 Shape = Callable[[Echoes], None]
@@ -145,26 +151,12 @@ def bare_echoes(
     return Echoes(scene, frames, tolerance, empty, scene.array, surface, delay_m)
 
 
-def require_facets(facets: Facets) -> Facets:
-    """Return the facets. Raises HandbenchError if there are none."""
-    if len(facets) == 0:
-        raise HandbenchError(
-            "target: no facet of its mesh faces the array; check its position, and that its "
-            "normals point outwards"
-        )
-    return facets
-
-
-def front_facets(scene: EchoScene, body: Body, longest: float = 0.25) -> Facets:
+def front_facets(scene: EchoScene, body: Body) -> Facets:
     """Return those facets of the body that face at least one corner of the box around the antennas,
-    with edges of at most `longest` wavelengths. They are computed once per scene."""
-    return scene.cached(("facing", id(body), longest), lambda: _front_facets(scene, body, longest))
-
-
-def _front_facets(scene: EchoScene, body: Body, longest: float) -> Facets:
+    with edges of at most LONGEST wavelengths."""
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])
     corners = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m
     front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
-    return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))
+    return facets_of(body, LONGEST * scene.wavelength_m, np.flatnonzero(front))

@@ -31,12 +31,8 @@ class SimulatedCapture:
     empty: RadarCapture | None = None
 
     def subtracted(self) -> "SimulatedCapture":
-        """Return the result with the samples of the empty room subtracted from every frame. Raises
-        ValueError if the empty room was not simulated."""
-        if self.empty is None:
-            raise ValueError(
-                "the empty room was not simulated; call simulate_scene with empty=True"
-            )
+        """Return the result with the samples of the empty room subtracted from every frame."""
+        assert self.empty is not None, "the empty room was not simulated"
         samples = self.capture.samples - self.empty.samples
         return replace(self, capture=replace(self.capture, samples=samples))
 

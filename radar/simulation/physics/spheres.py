@@ -9,7 +9,6 @@ from scipy.special import spherical_jn, spherical_yn
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import phasor
-from handbench.radar.simulation.scene import EchoScene
 
 # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β
 # ≤ 60°
@@ -102,26 +101,6 @@ def _nodes(cos_beta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     place = (2 * cos_beta.ravel() - low - high) / (high - low)
     blend = np.linalg.solve(chebvander(points, NODES - 1).T, chebvander(place, NODES - 1).T)
     return np.minimum((low + high) / 2 + (high - low) / 2 * points, 1.0), blend.astype(np.complex64)
-
-
-def ball_echoes(
-    scene: EchoScene,
-    tones_hz: np.ndarray,
-    array: AntennaArray,
-    delay_m: np.ndarray | None = None,
-    pattern: float = 0.0,
-) -> np.ndarray:
-    """Compute the samples of the scene's steel balls by Mie's series: complex64 [f, t, r].
-
-    delay_m [n]: extra one-way path of each ball's echo (None: 0); pattern: exponent q of the
-    antennas' amplitude pattern cosᵠθ.
-    """
-    delays_m = np.zeros(len(scene.balls)) if delay_m is None else delay_m
-    samples = np.zeros((len(tones_hz), *array.channels), np.complex64)
-    for ball, extra_m in zip(scene.balls, delays_m, strict=True):
-        echo = sphere_echo(ball.centre_m, ball.radius_m, extra_m, tones_hz, array)
-        samples += echo * pattern_gain(ball.centre_m, array, pattern)
-    return samples
 
 
 def pattern_gain(point_m: np.ndarray, array: AntennaArray, pattern: float) -> np.ndarray | float:

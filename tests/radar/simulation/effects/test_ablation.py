@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.radar.data.grid import Axis
 from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.scene import Ball, Material
@@ -14,7 +13,6 @@ from tests.radar.simulation.effects.plates import sheet
 from tests.radar.simulation.effects.small_scenes import bead_scene, explained, simulated
 
 FOAM_BALL = Ball(np.array([0.01, -0.02, 0.3]), 5e-3, 0.025, 1.03)
-LATERAL = Axis(start_m=-0.02, stop_m=0.02, step_m=1e-3)
 
 
 def wall(level_db):
@@ -31,12 +29,12 @@ def wall(level_db):
     ],
 )
 def test_a_change_is_that_of_whole_simulations(scene, without, rel):
-    """With the very numbers of the simulation's first frame, and 3-FSK at pixels of 1 mm."""
+    """With the very numbers of the simulation's first frame, and 3-FSK as users run it."""
     names = dict.fromkeys(("obliquity", without))
     row = explained(scene, *names)[without]
     rest = [name for name in names if name != without]
     captures = [simulated(scene, *effects).capture for effects in (names, rest)]
-    config = Fsk(x=LATERAL, y=LATERAL, first_depth_m=0.3)
+    config = Fsk(first_depth_m=0.3)
     maps_m = [fsk(capture, config)[0].z_m for capture in captures]
     samples = [capture.samples for capture in captures]
     level = np.linalg.norm(samples[1] - samples[0]) / np.linalg.norm(samples[0])
