@@ -542,7 +542,7 @@ def save_capture(
     import numpy as np
 
     from handbench.bench.datasets.native import save_echoes_folder
-    from handbench.radar.data.recording import Recording
+    from handbench.radar.data.recording import to_capture
     from handbench.support.errors import HandbenchError
 
     if Path(folder).exists():
@@ -554,16 +554,16 @@ def save_capture(
         raise HandbenchError(
             "tx_m, rx_m: expected both, perhaps with pairs, or position_m of a scan instead"
         )
-    times = {"times_s": times_s, "frame_times_s": frame_times_s}
-    about = {name: np.asarray(value) for name, value in times.items() if value is not None}
-    recording = Recording(
-        np.atleast_1d(samples)[:, None],
+    capture = to_capture(
+        np.atleast_1d(samples),
         np.atleast_1d(frequencies_hz),
         places_m,
         None if pairs is None else np.asarray(pairs),
-        about={**about, "wave_speed_m_s": wave_speed_m_s},
+        times_s=times_s,
+        frame_times_s=frame_times_s,
+        wave_speed_m_s=wave_speed_m_s,
     )
-    save_echoes_folder(folder, recording.capture(), description)
+    save_echoes_folder(folder, capture, description)
     return Capture(folder)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator
@@ -37,18 +39,22 @@ def operator(
             f"array: is a {type(array).__name__}; expected an AntennaArray, since echoes are "
             "simulated for every transmitter with every receiver"
         )
-    volume = isinstance(grid, VoxelGrid)
-    points_m = grid.points_m().reshape(-1, 3) if volume else positions("grid", grid)
+    if isinstance(grid, VoxelGrid):
+        points_m = grid.points_m().reshape(-1, 3)
+        image = partial(image_volume, grid=grid)
+    else:
+        points_m = positions("grid", grid)
+        image = partial(image_points, points_m=points_m)
     shape = len(tones_hz), *array.channels
     measured = True if array.measured is None else array.measured
-    image, places = (image_volume, grid) if volume else (image_points, points_m)
 
     def forward(x: np.ndarray) -> np.ndarray:
         samples = simulate(Scatterers(points_m, x.ravel()), tones_hz, array, False, tolerance)
         return (samples * measured).ravel()
 
     def adjoint(y: np.ndarray) -> np.ndarray:
-        return image(y.reshape(shape) * measured, tones_hz, array, places, tolerance).ravel()
+        samples = y.reshape(shape) * measured
+        return image(samples, tones_hz, array, tolerance=tolerance).ravel()
 
     size = int(np.prod(shape)), len(points_m)
     return LinearOperator(size, forward, adjoint, dtype=np.complex64)

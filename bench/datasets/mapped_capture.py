@@ -22,7 +22,7 @@ from handbench.bench.datasets.mapping import (
 from handbench.bench.datasets.named_arrays import read_named
 from handbench.bench.datasets.native import MAPPING, CaptureFile, NativeCapture
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.recording import Recording
+from handbench.radar.data.recording import to_capture
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 
@@ -58,7 +58,7 @@ class MappedCapture(NativeCapture):
             return read_named(self.folder, name, mapping.file, mapping.skip_lines)
 
         try:
-            return _recording(read, mapping).capture()
+            return _mapped(read, mapping)
         except (HandbenchError, ValueError) as error:  # NumPy's: lengths that do not fit together
             if str(error).startswith(f"{self.folder}/"):  # about one of the files
                 raise
@@ -69,7 +69,7 @@ class MappedCapture(NativeCapture):
 
 
 @np.errstate(invalid="ignore", over="ignore")  # what is infinite is refused with the capture
-def _recording(read: Read, mapping: Mapping) -> Recording:
+def _mapped(read: Read, mapping: Mapping) -> RadarCapture:
     """Read all arrays of a mapping."""
     tones = mapping.frequencies
     frequencies_hz = UNITS[tones.unit] * _column(read, tones.steps or tones.dataset or "")
@@ -99,12 +99,13 @@ def _recording(read: Read, mapping: Mapping) -> Recording:
     if mapping.samples.sign == "+":
         samples = samples.conj()
     channels = [len(table_m) for table_m in places_m.values()] if pairs is None else [len(pairs)]
-    return Recording(
-        samples.reshape(samples.shape[0], 1, samples.shape[1], *channels),
+    return to_capture(
+        samples.reshape(*samples.shape[:2], *channels),
         frequencies_hz,
         places_m,
         pairs,
-        about={"wave_speed_m_s": mapping.wave_speed_m_s, "source": mapping.capture.source or ""},
+        wave_speed_m_s=mapping.wave_speed_m_s,
+        source=mapping.capture.source or "",
     )
 
 

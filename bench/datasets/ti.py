@@ -14,7 +14,7 @@ from pydantic import Field, model_validator
 
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, load_positions
-from handbench.radar.data.recording import Recording
+from handbench.radar.data.recording import to_capture
 from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
@@ -105,7 +105,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     samples = samples.reshape(len(samples), -1, *samples.shape[3:])  # [frame, sweep, f, tx, rx]
     places_m, gains = antennas(source, profile, transmitters)
     tones_hz = profile.tones_hz()
-    capture = Recording(samples, tones_hz, places_m, None, gains, profile.sweeps).capture()
+    capture = to_capture(samples, tones_hz, places_m, None, gains, profile.sweeps)
     facts = {"kind": "other", "source": "TI raw capture", "methods": measured_settings(tones_hz)}
     save_echoes_folder(folder, capture, facts | {"unknown": ("range_offset",)})
 

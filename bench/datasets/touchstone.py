@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from handbench.bench.datasets.native import save_echoes_folder
-from handbench.radar.data.recording import Recording
+from handbench.radar.data.recording import to_capture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_parsed, require_file, require_folder, require_size
@@ -55,7 +55,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
                 f"{file}: has other frequencies than {files[0].name}; measure all positions with "
                 "the same frequencies"
             )
-    samples = np.stack(values, axis=1)[None, None]
+    samples = np.stack(values, axis=1)[None]
     tx_m, rx_m = np.split(table[PLACES].to_numpy(), 2, axis=1)
     if np.array_equal(tx_m, rx_m):
         kind, places_m, pairs = "scan", {"position_m": tx_m}, None
@@ -63,7 +63,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
         tx_m, t = np.unique(tx_m, axis=0, return_inverse=True)
         rx_m, r = np.unique(rx_m, axis=0, return_inverse=True)
         kind, places_m, pairs = "other", {"tx_m": tx_m, "rx_m": rx_m}, np.stack([t, r], axis=1)
-    capture = Recording(samples, tones_hz[0], places_m, pairs).capture()
+    capture = to_capture(samples, tones_hz[0], places_m, pairs)
     facts = {"kind": kind, "source": "Touchstone files", "methods": measured_settings(tones_hz[0])}
     save_echoes_folder(folder, capture, facts)
 

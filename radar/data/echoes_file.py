@@ -1,56 +1,68 @@
-"""Reader and writer of the file `echoes.h5`, which contains a capture.
+"""Reader and writer of the file `echoes.h5`, which contains a capture (docs/files.md).
 
-Version 1 of the format can store an array or a planar scan in air; version 2 stores any capture,
-and names its units, frame and time convention (docs/files.md).
+Version 1 of the format stores an array or a planar scan in air; version 2, which is written, stores
+any capture and names its units, frame and time convention.
 """
 
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan, positions
 from handbench.radar.data.capture import RadarCapture, as_complex64
-from handbench.radar.data.recording import Recording
-from handbench.support.config import suggest
+from handbench.radar.data.recording import to_capture
+from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, plain_json, require_file
-from handbench.support.hdf5 import attribute, local_item, read
+from handbench.support.hdf5 import attribute, read
 from handbench.support.limits import JSON_BYTES
 
-if TYPE_CHECKING:
-    import h5py
-
-FORMAT = "handbench-echoes"
 HEADERS_BYTES = 2**13  # size of the file's headers, at least
-# sign of x in handbench's frame; as seen from the array looking at the target
-FRAMES = {"x left, y up, z away": 1, "x right, y up, z away": -1}
-# Conventions that version 2 names, with the allowed values, handbench's first. time: e^{±jωt}, for
-# which an echo is exp(∓j2πf·path/v).
-CONVENTIONS = {"units": ("m, Hz, m/s",), "frame": tuple(FRAMES), "time": ("+jwt", "-jwt")}
-OURS = {name: values[0] for name, values in CONVENTIONS.items()}
-ABOUT = {"wave_speed_m_s": float, "source": str, "licence": str}
-CALIBRATION = "array.json"  # name of the data set that holds the bytes of such a file
+CONVENTIONS = {"units": "m, Hz, m/s", "frame": "x left, y up, z away", "time": "+jwt"}
+ABOUT = ("wave_speed_m_s", "source", "licence")
 TIMES = ("times_s", "frame_times_s")
-SCAN = ("samples", "frequencies_hz", "position_m", *TIMES, "gains")
-ARRAY = ("samples", "frequencies_hz", "tx_m", "rx_m", *TIMES, "gains", "pairs", CALIBRATION)
-NEEDED = {  # data sets without which a file cannot be read, with their shapes
-    "samples": "[frame, frequency, tx, rx]",
-    "frequencies_hz": "[frequency], hertz",
-    "tx_m": "[tx, 3], metres",
-    "rx_m": "[rx, 3], metres",
-    "position_m": "[position, 3], metres",
-}
+CALIBRATION = "array.json"  # name of the data set that holds the bytes of such a file
+VERSION_1 = ("format", "version", "samples", "frequencies_hz", "tx_m", "rx_m", "position_m", *TIMES)
+
+
+class EchoesFile(Config):
+    """The content of `echoes.h5`: its attributes, then its data sets.
+
+    frame: x seen from the array looking at the target. time: e^{±jωt}, for which an echo is
+    exp(∓j2πf·path/v). The data sets are those of `to_capture`; array_json: bytes of a file of that
+    name.
+    """
+
+    format: Literal["handbench-echoes"]
+    version: int = Field(ge=1, le=2)
+    units: Literal["m, Hz, m/s"]
+    frame: Literal["x left, y up, z away", "x right, y up, z away"]
+    time: Literal["+jwt", "-jwt"]
+    sweeps: Literal["mean", "frames"] | None = None
+    wave_speed_m_s: float = SPEED_OF_LIGHT_M_S
+    source: str = ""
+    licence: str = ""
+    samples: Any
+    frequencies_hz: Any
+    tx_m: Any = None
+    rx_m: Any = None
+    position_m: Any = None
+    pairs: Any = None
+    gains: Any = None
+    times_s: Any = None
+    frame_times_s: Any = None
+    array_json: Annotated[Any, Field(alias=CALIBRATION)] = None
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
-    """Write a capture to the file `echoes.h5`, atomically. The file has version 1 of the format if
-    that can store the capture, else version 2. Raises OSError if the disk is full."""
+    """Write a capture to the file `echoes.h5`, atomically. Raises OSError if the disk is full."""
     import h5py
 
-    data, about = _contents(capture)
+    data, about = _data_sets(capture), {name: getattr(capture, name) for name in ABOUT}
     size = sum(values.nbytes for values in data.values())
     with atomic_path(path) as temporary:
         # check for space here: HDF5 notices a full disk late, and then prints tracebacks
@@ -58,7 +70,9 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
             os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
         try:
             with h5py.File(temporary, "w") as file:
-                file.attrs.update({"format": FORMAT, "version": 2 if about else 1, **about})
+                file.attrs.update(
+                    {"format": "handbench-echoes", "version": 2, **CONVENTIONS, **about}
+                )
                 for name, values in data.items():
                     file[name] = values
         except (
@@ -69,9 +83,8 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
             ) from error
 
 
-def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Return what the file of a capture contains: (data sets by name, attributes by name). The
-    attributes are those of version 2, or {} if version 1 can store the capture."""
+def _data_sets(capture: RadarCapture) -> dict[str, np.ndarray]:
+    """Return the data sets, by name, that the file of a capture contains."""
     aperture, samples = capture.aperture, as_complex64(capture.samples)
     data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
     if isinstance(aperture, BistaticScan):
@@ -80,15 +93,8 @@ def _contents(capture: RadarCapture) -> tuple[dict[str, np.ndarray], dict[str, A
         data["pairs"], samples = np.argwhere(aperture.measured), samples[:, :, aperture.measured]
     if capture.calibration is not None:
         data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)
-    data |= {"samples": samples, "frequencies_hz": capture.frequencies_hz}
-    data |= {name: times_s for name in TIMES if (times_s := getattr(capture, name)) is not None}
-    further = {
-        name: getattr(capture, name)
-        for name in ABOUT
-        if getattr(capture, name) not in ("", SPEED_OF_LIGHT_M_S)
-    }
-    beyond_version_1 = further or {"pairs", CALIBRATION, *TIMES} & data.keys()
-    return data, OURS | further if beyond_version_1 else {}
+    times_s = {name: values for name in TIMES if (values := getattr(capture, name)) is not None}
+    return data | times_s | {"samples": samples, "frequencies_hz": capture.frequencies_hz}
 
 
 def load_capture(path: str | Path) -> RadarCapture:
@@ -97,17 +103,15 @@ def load_capture(path: str | Path) -> RadarCapture:
     import h5py
 
     path = require_file(path, "an echoes.h5 file")
+    data_sets = {*EchoesFile.model_fields, CALIBRATION}
     try:
         with h5py.File(path, "r") as file:
-            found = attribute(file, "format"), attribute(file, "version")
-            version = next((v for v in (1, 2) if found == (FORMAT, v)), None)
-            if version is None:
-                raise HandbenchError(
-                    f"has format {found}; expected ('{FORMAT}', 1 or 2), so set the file's "
-                    "attributes 'format' and 'version'"
-                )
-            recording = _recording(file, path, version)
-        return recording.capture()
+            values = {name: attribute(file, name) for name in file.attrs}
+            # those that are unknown are not read, but named
+            values |= {name: read(file, name, path) if name in data_sets else None for name in file}
+        if values.get("version") == 1:
+            values = CONVENTIONS | {name: values[name] for name in VERSION_1 if name in values}
+        return _capture(parse(EchoesFile, values, str(path)))
     except HandbenchError as error:
         raise HandbenchError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
@@ -116,94 +120,37 @@ def load_capture(path: str | Path) -> RadarCapture:
         ) from error
 
 
-def _recording(file: "h5py.File", path: Path, version: int) -> Recording:
-    there = set(file.keys())
-    known = SCAN if "position_m" in there else ARRAY
-    attributes: dict[str, Any] = dict(OURS)
-    lacks = [f"data set '{n}' {NEEDED[n]}" for n in known if n in NEEDED and n not in there]
-    if version == 1:
-        _require_complete(file, lacks)
-        there -= {"gains", "pairs", CALIBRATION}
-    else:
-        attributes = {name: attribute(file, name) for name in file.attrs}
-        lacks += [
-            f"attribute {name} = '{value}'"
-            for name, value in OURS.items()
-            if name not in attributes
-        ]
-        _require_complete(file, lacks)
-        _check(sorted(there), known, attributes)
-    values = {name: _numbers(file, name, path) for name in known if name in there}
-    if attributes["time"] == "-jwt":
-        values |= {name: values[name].conj() for name in ("samples", "gains") if name in values}
-    side = [FRAMES[attributes["frame"]], 1, 1]
-    places_m = {
-        name: p * side if p.shape[1:] == (3,) else p
-        for name, p in values.items()
-        if name.endswith("_m")
-    }
-    about = {name: kind(attributes[name]) for name, kind in ABOUT.items() if name in attributes}
-    about |= {name: values[name] for name in TIMES if name in values}
-    if (content := values.get(CALIBRATION)) is not None:
-        if content.dtype != np.uint8 or content.size > JSON_BYTES:
-            raise ValueError(
-                f"'{CALIBRATION}' has {content.dtype} values of shape {content.shape}; expected "
-                "the bytes of an array calibration"
-            )
-        about["calibration"] = plain_json(content.tobytes().decode("utf-8"))
-    samples, further = (
-        values["samples"],
-        (values.get("pairs"), values.get("gains"), attributes.get("sweeps", "mean"), about),
-    )
-    samples = samples[:, None] if "sweeps" not in attributes and samples.ndim else samples
-    return Recording(samples, values["frequencies_hz"], places_m, *further)
-
-
-def _require_complete(file: "h5py.File", lacks: list[str]) -> None:
-    """Raise HandbenchError if `lacks`, the data sets and attributes that a file does not have, is
-    not empty. The message names them all, and the shape of the file's samples."""
-    if lacks:
-        samples = local_item(file, "samples")
-        shape = f" (samples have shape {samples.shape})" if hasattr(samples, "shape") else ""
-        raise HandbenchError(f"has no {', '.join(lacks)}{shape}; add what is missing")
-
-
-def _check(there: list[str], known: tuple[str, ...], attributes: dict[str, Any]) -> None:
-    """Raise HandbenchError if a file of version 2 has unknown data sets or attributes, or
-    attributes with values that are not allowed.
-
-    there: names of the file's data sets; known: names that a file with its kind of aperture may
-    have.
-    """
-    for names, those in (
-        (there, known),
-        (attributes, ("format", "version", *CONVENTIONS, *ABOUT, "sweeps")),
-    ):
-        for name in names:
-            if name not in those:
-                raise HandbenchError(
-                    f"has an unknown item '{name[:80]}'; {suggest(name[:80], [*those])}"
-                )
-    for name, values in CONVENTIONS.items():
-        if (found := attributes[name]) not in values:
-            raise HandbenchError(
-                f"{name} is '{str(found)[:80]}'; expected {' or '.join(map(repr, values))}"
-            )
-    for name, kind in ABOUT.items():
-        if name in attributes and not isinstance(
-            attributes[name], str if kind is str else float | int | np.number
-        ):
-            expected = "one text" if kind is str else "one number"
-            raise HandbenchError(f"{name} is {attributes[name]!r:.80}; expected {expected}")
-
-
-def _numbers(file: "h5py.File", name: str, path: Path) -> np.ndarray:
-    """Read a data set of numbers from an open file; only samples and gains may be complex. Raises
-    ValueError for other types, and for data that are stored outside this file."""
-    values, kinds = read(file, name, path), "iufc" if name in ("samples", "gains") else "iuf"
-    if values.dtype.kind not in kinds:
-        raise ValueError(
-            f"'{name}' has values of type {values.dtype}; expected "
-            f"{'' if 'c' in kinds else 'real '}numbers"
+def _capture(content: EchoesFile) -> RadarCapture:
+    """Convert the content of a file to our frame and time convention."""
+    samples, gains = content.samples, content.gains
+    if content.time == "-jwt":
+        samples, gains = samples.conj(), None if gains is None else gains.conj()
+    scan, array = {"position_m"}, {"tx_m", "rx_m"}
+    given = {name for name in scan | array | {"pairs"} if getattr(content, name) is not None}
+    if given not in (scan, array, array | {"pairs"}):
+        raise HandbenchError(
+            f"has {', '.join(sorted(given)) or 'no positions'}; expected the data sets tx_m "
+            "[tx, 3] and rx_m [rx, 3], perhaps with pairs, or position_m [position, 3] of a scan"
         )
-    return values
+    side = 1 if content.frame == CONVENTIONS["frame"] else -1
+    places_m: dict[str, np.ndarray] = {
+        name: positions(name, getattr(content, name)) * [side, 1, 1]
+        for name in ("tx_m", "rx_m", "position_m")
+        if name in given
+    }
+    calibration = content.array_json
+    if calibration is not None:
+        if calibration.nbytes > JSON_BYTES:
+            raise ValueError(f"'{CALIBRATION}' has more than {JSON_BYTES} bytes")
+        calibration = plain_json(calibration.tobytes().decode("utf-8"))
+    fields = {name: getattr(content, name) for name in (*ABOUT, *TIMES)}
+    return to_capture(
+        samples,
+        content.frequencies_hz,
+        places_m,
+        content.pairs,
+        gains,
+        content.sweeps,
+        calibration=calibration,
+        **fields,
+    )

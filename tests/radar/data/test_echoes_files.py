@@ -56,7 +56,7 @@ def test_depth_map_round_trip_and_wrong_axes(tmp_path):
         ("samples", {"data": np.ones((1, 5, 3, 5), "c8")}, r"expected \[frame, 5, 3, 4\]"),
         ("frequencies_hz", {"data": [1.0, 2.0, 3.0, 4.0, -5.0]}, "expected frequencies above 0"),
         ("tx_m", {"data": np.zeros((3, 2))}, r"shape \(3, 2\) of .* \[n, 3\]"),
-        ("tx_m", None, r"has no data set 'tx_m' \[tx, 3\], metres"),
+        ("tx_m", None, r"has rx_m; expected the data sets tx_m"),
         (
             "samples",
             {"shape": (1, 5, 3, 10**13), "dtype": "c8", "chunks": SHAPE},
@@ -76,7 +76,8 @@ def test_bad_echoes_are_named(tmp_path, name, made, message, monkeypatch):
     (tmp_path / "secret").write_bytes(bytes(240))
     with h5py.File(tmp_path / "echoes.h5", "a") as file:
         del file[name]
-        file["whole"] = h5py.ExternalLink("other.h5", "/")
+        if isinstance(made, h5py.SoftLink):
+            file["whole"] = h5py.ExternalLink("other.h5", "/")
         if isinstance(made, dict):
             file.create_dataset(name, **made)
         elif made is not None:
