@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import attrgetter
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -160,7 +161,7 @@ def fsk(
     capture: RadarCapture,
     config: Fsk,
     frame: int = 0,
-    on_step: Callable[[FskStep], np.ndarray] | None = None,
+    on_step: Callable[[FskStep], np.ndarray] = attrgetter("z_m"),
 ) -> tuple[DepthMap, list[FskStep]]:
     """Compute the depth map of a frame by 2-FSK, 3-FSK or a longer ladder of tones (Bräunig et al.,
     section II): (map, imaging steps that led to it).
@@ -169,8 +170,7 @@ def fsk(
     next step starts (default: the step's own).
     """
     echoes = FskEchoes.of(capture, config, frame)
-    on_step, config = on_step or (lambda step: step.z_m), echoes.config
-    steps = [echoes.first_step()]
+    steps, config = [echoes.first_step()], echoes.config
     z_m = on_step(steps[0])
     for count in range(3, len(config.tones_hz) + 1):
         z_m = steps[-1].filtered(z_m)
@@ -181,9 +181,9 @@ def fsk(
             # 5: the mean of the two corrections between the new tone and the first two.
             steps.append(echoes.image(z_m, count))
             z_m = on_step(steps[-1])
-    z_m, grid = steps[-1].filtered(z_m), config.pixels
-    db, name = amplitude_db(steps[-1].amplitude), f"{len(config.tones_hz)}fsk"
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, name, config.model_dump())
+    z_m, db = steps[-1].filtered(z_m), amplitude_db(steps[-1].amplitude)
+    grid, settings = config.pixels, config.model_dump()
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "fsk", settings)
     return with_velocity(depth, steps[-1]), steps
 
 
