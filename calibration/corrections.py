@@ -8,7 +8,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.optimize import least_squares
 
 from handbench.radar.data.arrays import (
     SPEED_OF_LIGHT_M_S,
@@ -19,7 +18,6 @@ from handbench.radar.data.arrays import (
     range_period_m,
 )
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
-from handbench.radar.imaging.api import image_points
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -92,6 +90,11 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
     unknown: one of them, since one point does not tell both. Raises HandbenchError if that share is
     less than half, and if the image is more than half as sharp at half or twice the distance.
     """
+    # not needed to apply corrections
+    from scipy.optimize import least_squares
+
+    from handbench.radar.imaging.api import image_points
+
     tones_hz = capture.vacuum_hz
     samples = capture.samples[0].reshape(len(tones_hz), -1)
     live = np.flatnonzero(samples.any(axis=0))
