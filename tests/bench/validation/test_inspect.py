@@ -147,7 +147,7 @@ BENCHES = {
     ),
     "tones": (
         '[[capture]]\nscene = "two.toml"\n[[capture]]\npath = "a"',
-        '[[method]]\nid = "3fsk"\n[[method]]\nid = "2fsk"\nconfig = {tones_hz = [60e9, 59.8e9]}\n',
+        '[[method]]\nid = "3fsk"\n[[method]]\nid = "2fsk"\nconfig = {tones_hz = [60e9, 60.2e9]}\n',
         (
             "b.toml: capture 's' with method '3fsk': .*79.5000 GHz",
             *(f"b.toml: capture '{name}' with method '2fsk': .*60.0" for name in ("s", "ball")),
