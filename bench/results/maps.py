@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.radar.data.depthmap import LONGEST_M
+from handbench.radar.data.depthmap import LARGEST
 from handbench.radar.data.grid import bounding_box
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
@@ -139,7 +139,7 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
     [nx] and y_m [ny].
     names: arrays that the file must have, [ny, nx], or with times_s [frame] among them
     [frame, ny, nx]; optional: arrays that are read if present. Raises HandbenchError for arrays of
-    another shape or type, values that are too large (LONGEST_M), and positions that repeat or are
+    another shape or type, values that are too large (LARGEST), and positions that repeat or are
     no numbers."""
     arrays = read_npz(path, ("x_m", "y_m", *names), optional)
     axes = [name for name in ("times_s", "y_m", "x_m") if name in arrays]
@@ -152,9 +152,9 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
                 f"{expected} on a grid of at least 2 × 2; run the benchmark again"
             )
         position = name in ("x_m", "y_m")
-        if (np.abs(array) > LONGEST_M).any() or (position and not np.abs(np.diff(array)).min() > 0):
+        if (np.abs(array) > LARGEST).any() or (position and not np.abs(np.diff(array)).min() > 0):
             raise HandbenchError(
-                f"{path}: '{name}' has values beyond {LONGEST_M:g}, or positions that repeat or "
+                f"{path}: '{name}' has values beyond {LARGEST:g}, or positions that repeat or "
                 "are no numbers; run the benchmark again"
             )
     return arrays

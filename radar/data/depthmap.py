@@ -10,17 +10,19 @@ import numpy as np
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_npz, write_npz
 
-# fields that only some methods fill in, with their kind of number
-OPTIONAL = {
-    "sigma_m": "f",
-    "wrapped": "b",
-    "p_gross": "f",
-    "velocity_m_s": "f",
-    "velocity_sigma_m_s": "f",
-}
 LIMIT = "velocity_limit_m_s"
-LONGEST_M = 1e6  # in a depth map; lengths beyond are no metres, and in float32 soon infinite
+LARGEST = 1e6  # in a depth map; larger numbers are no metres, and in float32 soon infinite
 FLAGGED = 0.5  # p_gross above which a pixel is likelier wrong than right
+# maps [ny, nx] of a depth map, with the smallest and the largest possible value
+RANGES = {
+    "z_m": (-LARGEST, LARGEST),
+    "amplitude_db": (-np.inf, LARGEST),
+    "sigma_m": (0.0, np.inf),
+    "wrapped": (0, 1),
+    "p_gross": (0.0, 1.0),
+    "velocity_m_s": (-LARGEST, LARGEST),
+    "velocity_sigma_m_s": (0.0, np.inf),
+}
 
 
 @dataclass(frozen=True)
@@ -61,25 +63,23 @@ class DepthMap:
 
         where: file or argument of the map, with which the message begins.
         """
-        fields = {name: getattr(self, name) for name in ("z_m", "amplitude_db", *OPTIONAL)}
-        maps = {name: values for name, values in fields.items() if values is not None}
+        maps = {name: getattr(self, name) for name in RANGES if getattr(self, name) is not None}
         shape = self.y_m.size, self.x_m.size
         shapes = {"x_m": shape[1:], "y_m": shape[:1]} | dict.fromkeys(maps, shape)
         for name, expected in shapes.items():
-            found, kind = getattr(self, name), OPTIONAL.get(name, "f")
-            if found.shape != expected or found.dtype.kind != kind:
-                numbers = "real numbers" if kind == "f" else "bool"
+            values, kind = getattr(self, name), "bool" if name == "wrapped" else "real numbers"
+            if values.shape != expected or values.dtype.kind != ("b" if kind == "bool" else "f"):
                 raise HandbenchError(
-                    f"{where}: {name} is {found.dtype} {found.shape}; expected {numbers} of shape "
+                    f"{where}: {name} is {values.dtype} {values.shape}; expected {kind} of shape "
                     f"{expected}, the numbers of y_m and x_m; make the file again"
                 )
         for name in ("x_m", "y_m"):
             axis_m = getattr(self, name)
             sorted_ = (axis_m[1:] > axis_m[:-1]).all() or (axis_m[1:] < axis_m[:-1]).all()
-            if not (sorted_ and (np.abs(axis_m) <= LONGEST_M).all()):
+            if not (sorted_ and (np.abs(axis_m) <= LARGEST).all()):
                 raise HandbenchError(
                     f"{where}: {name} is not sorted, or has equal or infinite values; expected "
-                    f"the centres of the pixels in metres, in order, at most {LONGEST_M:g} m from "
+                    f"the centres of the pixels in metres, in order, at most {LARGEST:g} m from "
                     "0"
                 )
         if (limit := self.velocity_limit_m_s) is not None and not 0 < limit < np.inf:
@@ -88,11 +88,15 @@ class DepthMap:
                 "make the file again"
             )
         for name, values in maps.items():
-            wrong, usual = _impossible(name, values, np.isfinite(self.z_m))
+            least, most = RANGES[name]
+            wrong = (values < least) | (values > most)
+            if name == "amplitude_db":
+                wrong |= np.isnan(values) & ~np.isnan(self.z_m)
             if wrong.any():
                 raise HandbenchError(
                     f"{where}: {name} is {values[wrong][0]:g} at {wrong.sum()} of {wrong.size} "
-                    f"pixels (first value); expected {usual}; make the file again"
+                    f"pixels (first value); expected numbers from {least:g} to {most:g}, or NaN "
+                    "where there is no depth; make the file again"
                 )
         return self
 
@@ -102,31 +106,11 @@ class DepthMap:
         write_npz(path, **known | {"config": json.dumps(self.config)})
 
 
-def _impossible(name: str, values: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, str]:
-    """Find the pixels with values that a field of a depth map cannot have: (boolean mask [ny, nx],
-    description of valid values for the message). name: the field; seen [ny, nx]: True for pixels
-    with a depth."""
-    if name == "z_m":
-        return np.abs(values) > LONGEST_M, (
-            f"depths up to {LONGEST_M:g} m, or NaN where there is no depth"
-        )
-    if name == "amplitude_db":
-        return seen & ~(values < np.inf), "numbers where z_m has a depth"
-    if name == "velocity_m_s":
-        return np.isinf(values), "metres per second, or NaN where there is no depth"
-    if name == "p_gross":
-        return (values < 0) | (values > 1), (
-            "probabilities from 0 to 1, or NaN where there is no depth"
-        )
-    return values < 0, "standard deviations of 0 or more, or NaN where there is no depth"
-
-
 def load_depthmap(path: str | Path) -> DepthMap:
     """Read a depth map from its .npz file. Raises HandbenchError for a file that is no depth map,
     and for invalid arrays (`DepthMap.checked`)."""
-    content: dict[str, Any] = read_npz(
-        path, ("x_m", "y_m", "z_m", "amplitude_db", "method", "config"), (*OPTIONAL, LIMIT)
-    )
+    required = "x_m", "y_m", "z_m", "amplitude_db", "method", "config"
+    content: dict[str, Any] = read_npz(path, required, (*RANGES, LIMIT))
     try:
         content["config"] = json.loads(str(content["config"]))
     except ValueError as error:
