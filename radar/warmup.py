@@ -19,31 +19,24 @@ def announce() -> None:
 def compile_kernels() -> None:
     """Run these kernels on tiny inputs, so that later measured times contain neither their
     compilation nor their loading from the cache."""
-    from handbench.radar.data.arrays import AntennaArray, PlanarScan
+    from handbench.radar.data.arrays import AntennaArray
     from handbench.radar.data.grid import VoxelGrid
     from handbench.radar.imaging.api import image_points, image_volume, project_volume
-    from handbench.radar.imaging.cpu.exact import exact_images
-    from handbench.radar.imaging.cpu.steering import mean_rise
+    from handbench.radar.methods.pixels import path_gradient_z
     from handbench.radar.simulation.forward import Scatterers, simulate
 
     announce()
-    three = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
-    array, scan, tones_hz = (
-        AntennaArray(three, three),
-        PlanarScan(three),
-        np.linspace(72e9, 82e9, 4),
-    )
+    places_m = np.array([[-0.05, 0.0, 0.0], [0.0, 0.03, 0.0], [0.05, 0.0, 0.0]])
+    array, points_m = AntennaArray(places_m, places_m), places_m + [0.0, 0.0, 1.0]
     axis_m = 1e-3 * np.arange(40)
     grid = VoxelGrid(axis_m, axis_m, 0.3 + 1e-4 * np.arange(3))
+    tones_hz = np.linspace(72e9, 82e9, 4)
     echoes = np.ones((4, 3, 3), np.complex64)
-    exact_images(echoes[:, :, 0], tones_hz, scan, three + [0, 0, 1], apart=False)
     image_volume(echoes, tones_hz, array, grid, 1e-2)
-    image_points(echoes, tones_hz, array, three + [0, 0, 1], None)
+    image_points(echoes, tones_hz, array, points_m, None)
     project_volume(echoes, tones_hz, array, grid, 1e-2)
-    mean_rise(three, np.ones(3), three + 1)
-    facets = Scatterers(three + [0, 0, 1], np.ones(3), np.array([[0.0, 0.0, -1.0]] * 3))
-    for tolerance in (1e-2, None):
-        simulate(facets, tones_hz, array, tolerance=tolerance)
+    path_gradient_z(points_m, array)
+    simulate(Scatterers(points_m, np.ones(3), np.tile([0.0, 0.0, -1.0], (3, 1))), tones_hz, array)
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ from handbench.radar.imaging.plan import (
     GridPlan,
     SortedPoints,
     TreePlan,
+    cached_plan,
     exact_terms,
-    get_or_compute,
     lattice_box,
     node_cost,
     planning_terms,
@@ -145,13 +145,7 @@ def points_plan(
     """Return a plan of the geometry for points_m [n, 3] and other points nearby. It is taken from
     the cache if an equal one was made before. family: tolerance and other settings of the plan."""
     box = lattice_box(points_m.min(axis=0), points_m.max(axis=0))
-    return get_or_compute(
-        ("points", *box),
-        frequencies_hz,
-        aperture,
-        family,
-        lambda: TreePlan(frequencies_hz, aperture, box, family),
-    )
+    return cached_plan(TreePlan, frequencies_hz, aperture, box, family)
 
 
 def check(tolerance: float | None) -> None:
@@ -207,15 +201,8 @@ def _grid_plan(
     if planes:
         box = lattice_box(*grid.ends_m)
         z_m = np.array([box.low_m[2], box.high_m[2]])
-    return get_or_compute(
-        ("grid", planes, grid.x_m, grid.y_m, z_m),
-        frequencies_hz,
-        aperture,
-        family,
-        lambda: GridPlan(
-            frequencies_hz, aperture, VoxelGrid(grid.x_m, grid.y_m, z_m), family, planes
-        ),
-    )
+    boxed = VoxelGrid(grid.x_m, grid.y_m, z_m)
+    return cached_plan(GridPlan, frequencies_hz, aperture, boxed, family, planes)
 
 
 def _node_images(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from handbench.radar.imaging.device import Array
 from handbench.support.compiled import FAST, njit
 
 
@@ -26,16 +27,15 @@ class Peaks(NamedTuple):
         return cls(np.empty(shape, np.int64), np.empty((3, *shape), np.float32))
 
 
-def strongest_voxels(volume: np.ndarray) -> Peaks:
+def strongest_voxels(volume: Array, xp: Any = np) -> Peaks:
     """Find the strongest voxel along z for each pixel of a complex volume O [nz, ny, nx], argmax_z
-    |O|."""
-    peaks = Peaks.empty(volume.shape[1:])
-    for row in range(volume.shape[1]):
-        here = slice(row, row + 1)
-        parts = (volume[:, here].real, volume[:, here].imag)
-        re, im = (np.ascontiguousarray(part, np.float32) for part in parts)
-        strongest(re, im, peaks.index[here], peaks.magnitude[:, here])
-    return peaks
+    |O|, with the array module xp (numpy or cupy)."""
+    power = volume.real**2 + volume.imag**2
+    index, last = power.argmax(axis=0), len(power) - 1
+    around = xp.stack([index - 1, index, index + 1])
+    magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+    magnitude[(around < 0) | (around > last)] = np.nan
+    return Peaks(index, magnitude)
 
 
 @njit(**FAST)

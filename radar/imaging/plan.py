@@ -7,6 +7,7 @@ band-limited upsampling. Plans are cached per geometry.
 """
 
 import hashlib
+import pickle
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -368,32 +369,15 @@ def fresh_plans() -> Iterator[None]:
         _cache = before
 
 
-def get_or_compute(
-    what: tuple[Any, ...],
-    frequencies_hz: np.ndarray,
-    aperture: Aperture,
-    family: Family,
-    build: Callable[[], Built],
-) -> Built:
-    """Return the plan (or the executor made from it) for this geometry from the cache; if there is
-    none, compute it by build() and cache it.
-
-    The key is made of `what` (a name of the kind of plan, and arrays or values that it depends on),
-    the tones, the antenna positions and the settings `family`. The cache keeps the CACHED plans
-    used last.
-    """
-    digest = hashlib.blake2b(repr((type(aperture).__name__, tuple(family))).encode())
-    for part in [*what, frequencies_hz, *(leg.position_m for leg in aperture.legs)]:
-        if isinstance(part, np.ndarray):
-            digest.update(part.tobytes())
-            part = part.shape
-        digest.update(repr(part).encode())
-    key = digest.digest()
+def cached_plan(kind: Callable[..., Built], *arguments: Any) -> Built:
+    """Return the plan kind(*arguments) from the cache, or compute it if there is none for equal
+    arguments. The cache keeps the CACHED plans used last."""
+    key = hashlib.blake2b(pickle.dumps((kind.__name__, arguments))).digest()
     with _lock:
         if key not in _cache:
             # rounding, and with it the plan, must not depend on the number of threads
             with one_blas_thread():
-                _cache[key] = build()
+                _cache[key] = kind(*arguments)
             if len(_cache) > CACHED:
                 _cache.popitem(last=False)
         _cache.move_to_end(key)

@@ -30,7 +30,7 @@ from handbench.radar.imaging.gpu.levels import (
     level,
     waves,
 )
-from handbench.radar.imaging.peaks import Peaks
+from handbench.radar.imaging.peaks import Peaks, strongest_voxels
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import stack
 from handbench.support.parallel import for_each
@@ -181,12 +181,8 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> Peaks:
     xp = array_module()
     peaks = Peaks.empty(plan.grid.shape[1:])
     for rows, voxels in _upsampled(plan, nodes, images[0]):
-        power = voxels.real**2 + voxels.imag**2
-        found, last = power.argmax(axis=0), len(power) - 1
-        around = xp.stack([found - 1, found, found + 1])
-        near = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
-        near[(around < 0) | (around > last)] = np.nan
-        peaks.index[rows], peaks.magnitude[:, rows] = to_host(found), to_host(near)
+        found = strongest_voxels(voxels, xp)
+        peaks.index[rows], peaks.magnitude[:, rows] = map(to_host, found)
     return peaks
 
 
