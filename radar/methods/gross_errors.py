@@ -20,7 +20,6 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import PixelGrid
 from handbench.radar.imaging.api import image_points
 from handbench.radar.methods.evidence import unresolved_m
 from handbench.radar.methods.settings import MethodSettings
@@ -49,7 +48,7 @@ def with_p_gross(
         bound_m = np.sqrt(incoherence / (1 - incoherence) / (2 * len(k) * k.var()))
         sigma_m = None if depth.sigma_m is None else np.fmax(depth.sigma_m, least_m)
         odds = (bound_m if sigma_m is None else sigma_m[on]) / GROSS_M
-        odds *= np.maximum(1, _step_m(depth)[on] / GROSS_M) * incoherence
+        odds *= np.maximum(1, _step_m(depth.z_m, config)[on] / GROSS_M) * incoherence
         odds *= 10 ** (-depth.amplitude_db[on].astype(np.float64) / 20)
     if depth.wrapped is not None:
         odds *= 10.0 ** depth.wrapped[on]
@@ -59,31 +58,25 @@ def with_p_gross(
     return replace(depth, p_gross=p_gross, sigma_m=sigma_m)
 
 
-def _step_m(depth: DepthMap) -> np.ndarray:
-    """Compute the largest difference of each depth from those within 5 mm beside it: [ny, nx]."""
-    window_px = [
-        1 + 2 * round(GROSS_M / abs(axis_m[1] - axis_m[0])) if len(axis_m) > 1 else 1
-        for axis_m in (depth.y_m, depth.x_m)
-    ]
-    off = np.isnan(depth.z_m)
-    nearest_m = minimum_filter(np.where(off, np.inf, depth.z_m), window_px)
-    furthest_m = maximum_filter(np.where(off, -np.inf, depth.z_m), window_px)
-    return np.asarray(np.maximum(depth.z_m - nearest_m, furthest_m - depth.z_m))
+def _step_m(z_m: np.ndarray, config: MethodSettings) -> np.ndarray:
+    """Compute the largest difference of each depth [ny, nx] from those within 5 mm beside it."""
+    window_px = [1 + 2 * round(GROSS_M / axis.step_m) for axis in (config.y, config.x)]
+    nearest_m = minimum_filter(np.where(np.isnan(z_m), np.inf, z_m), window_px)
+    furthest_m = maximum_filter(np.where(np.isnan(z_m), -np.inf, z_m), window_px)
+    return np.asarray(np.maximum(z_m - nearest_m, furthest_m - z_m))
 
 
 def _tone_images(
     depth: DepthMap, capture: RadarCapture, config: MethodSettings, frame: int, index: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Image the pixels with flat indices index [n] at their depths, at N of the method's
-    tones: (images [N, n], k = 4πf/c [N] in rad/m). The phase 4πfvt/c of
-    the map's velocities v is taken off."""
-    tones_hz = config.frequencies_hz
-    tones_hz = tones_hz[even_subset(len(tones_hz), TONES)]
+    """Image the pixels with flat indices index [n] at their depths, at N of the method's tones:
+    (images [N, n], k = 4πf/c [N] in rad/m). The phase 4πfvt/c of the map's velocities v is taken
+    off."""
+    tones_hz = config.frequencies_hz[even_subset(len(config.frequencies_hz), TONES)]
     samples, f = capture.tones(tones_hz, frame)
-    points_m = PixelGrid(depth.x_m, depth.y_m).points_at_m(index, depth.z_m.ravel()[index])
-    tolerance = TOLERANCE if config.tolerance else None
+    points_m = config.pixels.points_at_m(index, depth.z_m.ravel()[index])
     images = image_points(
-        scaled_to_one(samples), f, capture.aperture, points_m, tolerance, apart=True
+        scaled_to_one(samples), f, capture.aperture, points_m, TOLERANCE, apart=True
     ).astype(np.complex128)
     k = 4 * np.pi * f / SPEED_OF_LIGHT_M_S
     if depth.velocity_m_s is not None and capture.times_s is not None:
