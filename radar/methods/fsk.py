@@ -14,13 +14,13 @@ found the depth to within its ambiguity.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from operator import attrgetter
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, PositiveFloat, field_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.capture import RadarCapture, scaled_to_one
@@ -40,7 +40,7 @@ class Fsk(MethodSettings):
     tones_hz: tuple[Tone, ...] = Field(
         (82.0e9, 81.8e9, 79.5e9), min_length=2, description="the closest pair first"
     )
-    first_depth_m: Annotated[float, Field(gt=0, le=100)] | Literal["auto"] = Field(
+    first_depth_m: PositiveFloat | Literal["auto"] = Field(
         0.45, description="z_e of the first images; auto: where the echoes are"
     )
     corrections: int = Field(
@@ -62,8 +62,8 @@ class Fsk(MethodSettings):
     @field_validator("tones_hz")
     @classmethod
     def _in_order(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
-        distances_hz = [reach_hz(tones_hz[:count]) for count in range(2, len(tones_hz) + 1)]
-        if not (np.diff([0.0, *distances_hz]) > 0).all():
+        distances_hz = [0.0, *(reach_hz(tones_hz[:n]) for n in range(2, len(tones_hz) + 1))]
+        if distances_hz != sorted(set(distances_hz)):
             raise ValueError(
                 "expected the closest pair first, and each further tone further away from it than "
                 "the one before"
@@ -91,26 +91,21 @@ class FskStep:
 
     index [n]: flat indices of the pixels; formed_m [n]: depths at which the images are formed;
     images [f, n]: at the first f tones of the echoes, without the phase of the target's motion, if
-    that is measured; amplitude [ny, nx]: mean magnitude of the tones' images; again [2, n]: images
-    of the tone that is measured twice ([0, n] without one).
+    that is measured; again [2, n]: images of the tone that is measured twice ([0, n] without one);
+    amplitude [ny, nx]: mean magnitude of the tones' images.
     """
 
     echoes: FskEchoes
     index: np.ndarray
     formed_m: np.ndarray
     images: np.ndarray
-    amplitude: np.ndarray
     again: np.ndarray
+    amplitude: np.ndarray
 
     def where(self, chosen: np.ndarray) -> FskStep:
         """Return the step with only the pixels chosen [k], positions among the n."""
-        return replace(
-            self,
-            index=self.index[chosen],
-            formed_m=self.formed_m[chosen],
-            images=self.images[:, chosen],
-            again=self.again[:, chosen],
-        )
+        parts = (self.index, self.formed_m, self.images, self.again)
+        return FskStep(self.echoes, *(part[..., chosen] for part in parts), self.amplitude)
 
     @property
     def grid(self) -> PixelGrid:
@@ -137,9 +132,8 @@ class FskStep:
     def steps_m(self, step_m: Callable[..., np.ndarray] = depth_step_m) -> np.ndarray:
         """Return step_m(image, last image, difference in hertz) of the first and the last tone, and
         of the second and the last: [2, n]; with two tones, [1, n]."""
-        f, images = self.frequencies_hz, self.images
-        first = range(min(2, len(f) - 1))
-        return np.array([step_m(images[i], images[-1], f[i] - f[-1]) for i in first])
+        *first, (last, last_hz) = zip(self.images, self.frequencies_hz, strict=True)
+        return np.array([step_m(image, last, hz - last_hz) for image, hz in first[:2]])
 
     @property
     def correction_m(self) -> np.ndarray:
@@ -182,8 +176,8 @@ def fsk(
             steps.append(echoes.image(z_m, count))
             z_m = on_step(steps[-1])
     z_m, db = steps[-1].filtered(z_m), amplitude_db(steps[-1].amplitude)
-    grid, settings = config.pixels, config.model_dump()
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "fsk", settings)
+    grid = config.pixels
+    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "fsk", config.model_dump())
     return with_velocity(depth, steps[-1]), steps
 
 
@@ -207,8 +201,8 @@ class FskEchoes(NamedTuple):
             index = np.append(index, repeated.measured)
         if config.first_depth_m == "auto":
             config = config.model_copy(update={"first_depth_m": first_depth_m(capture, frame)})
-        samples, frequencies_hz = capture.samples[frame][index], capture.vacuum_hz[index]
-        return cls(scaled_to_one(samples), frequencies_hz, capture.aperture, config, repeated)
+        samples = scaled_to_one(capture.samples[frame][index])
+        return cls(samples, capture.vacuum_hz[index], capture.aperture, config, repeated)
 
     def first_step(self) -> FskStep:
         """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to
@@ -230,19 +224,19 @@ class FskEchoes(NamedTuple):
         out."""
         from handbench.radar.imaging import api  # numba, which settings do not need
 
-        grid, index = self.config.pixels, np.flatnonzero(np.isfinite(z_m))
+        config, grid, index = self.config, self.config.pixels, np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         if count == 2:
             voxels = VoxelGrid(grid.x_m, grid.y_m, formed_m[:1])
             image = partial(api.image_volume, grid=voxels, carrier=False)
         else:
             image = partial(api.image_points, points_m=grid.points_at_m(index, formed_m))
-        rows = np.r_[:count, len(self.config.tones_hz) : len(self.samples)]
+        rows = np.r_[:count, len(config.tones_hz) : len(self.samples)]
         images = image(
             self.samples[rows],
             self.frequencies_hz[rows],
             self.aperture,
-            tolerance=self.config.tolerance,
+            tolerance=config.tolerance,
             apart=True,
         )
         images, again = np.split(images.reshape(len(rows), -1), [count])
@@ -250,4 +244,4 @@ class FskEchoes(NamedTuple):
         whole = amplitude.reshape(grid.shape) if count == 2 else grid.on_map(index, amplitude, 0.0)
         if self.repetition is not None:
             images = self.repetition.at_rest(images, again)
-        return FskStep(self, index, formed_m, images, whole, again)
+        return FskStep(self, index, formed_m, images, again, whole)
