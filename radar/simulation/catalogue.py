@@ -109,8 +109,8 @@ SHAPING: tuple[Effect, ...] = (
     ),
     Effect(
         "multipath",
-        "echoes over two to four places of the target",
-        "shooting and bouncing rays: Ling, Chou & Lee 1989; round mirrors: Pathak 1979",
+        "echoes over two places of the target",
+        "shooting and bouncing rays: Ling, Chou & Lee 1989; Fresnel at both places",
         PARTS,
         _hides,
         multipath.multipath,

@@ -103,12 +103,6 @@ def echo_reflections(material: Material, frequencies_hz: np.ndarray) -> np.ndarr
     return -reflections(material, frequencies_hz)[:, 0]
 
 
-def oblique_reflections(material: Material, frequency_hz: float, count: int = 65) -> np.ndarray:
-    """Return `reflections` at `count` evenly spaced cosines from 0 to 1."""
-    cosine = np.maximum(np.linspace(0, 1, count), 1e-6)
-    return reflections(material, np.array([frequency_hz]), cosine)
-
-
 def interface(
     above: np.ndarray | complex, below: np.ndarray | complex, cosine: np.ndarray | float = 1.0
 ) -> np.ndarray:

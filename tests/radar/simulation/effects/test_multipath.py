@@ -9,16 +9,17 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.causes import Causes
 from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import moving_samples
-from handbench.radar.simulation.effects.multipath import multipath
-from handbench.radar.simulation.physics.bundles import traced_nodes
-from handbench.radar.simulation.physics.ray_tubes import Hits, patches_of, tubes_around
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.effects.multipath import land, multipath
+from handbench.radar.simulation.physics.reflection import reflections
+from handbench.radar.simulation.scene import Body, EchoScene, Material
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate, sphere_body
 from tests.radar.simulation.effects.small_scenes import shaped
 
 FAR_M = 500.0
+METAL = np.ones((1, 2, 1025), complex)  # over that at normal incidence
+SKIN = Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)
 TONE_HZ = np.array([77e9])
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ[0]
 TONES_HZ = np.linspace(72e9, 82e9, 11)
@@ -68,10 +69,30 @@ def test_a_turned_dihedral_echoes_like_the_plate_that_it_lights_twice(turn_deg, 
 def test_tones_and_antennas_between_the_nodes_are_interpolated():
     """Each antenna has tubes of its own, whose borders jump by a patch from one to the next."""
     array = AntennaArray(qar50().tx_m[:47:2], qar50().rx_m[:47])
-    assert len(traced_nodes(array)[1]) < 15
     whole = twice(CORNER, TONES_HZ, array)
     one = twice(CORNER, TONES_HZ[4:5], AntennaArray(array.tx_m, array.rx_m[20:21]))
     assert relative_error(whole[4:5, :, 20:21], one) < 0.08
+
+
+def field(tx_m, mirror, wall, dipole=(0.0, 1.0, 0.0), fresnel=METAL):
+    """Of the tube from a transmitter over a mirror to a wall, both as corners and normals."""
+    tx_m, mirror, wall = (np.array(one, float) for one in (tx_m, mirror, wall))
+    start_m, normal = mirror[0].mean(axis=0), mirror[1].sum(axis=0)
+    ray, normal = (start_m - tx_m) / np.linalg.norm(start_m - tx_m), normal / np.linalg.norm(normal)
+    after, flat_m2 = ray - 2 * ray @ normal * normal, np.cross(*np.diff(wall[0], axis=0)) / 2
+    zero, made = np.zeros(1, int), np.empty(1, np.complex64)
+    rays = tx_m[None], start_m[None], after[None], zero, zero, np.zeros(1)
+    surfaces = mirror[None], wall[None], flat_m2[None], np.zeros((2, 1), int), fresnel
+    land(*rays, *surfaces, np.array(dipole, float), np.empty((19, 1), np.float32), made)
+    return made[0]
+
+
+def facet(middle_m, normal, size_m=1e-4):
+    """Corners and normals of a small flat triangle."""
+    normal = np.array(normal, float) / np.linalg.norm(normal)
+    u = np.cross(normal, [0.3, 0.9, 0.1])
+    edges = np.stack([u, np.cross(normal, u), -u - np.cross(normal, u)])
+    return middle_m + size_m * edges, np.tile(normal, (3, 1))
 
 
 def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
@@ -79,20 +100,40 @@ def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
     and a sphere to a point: the field gains j behind the one and j² behind the other (Balanis, sec.
     13.2.2)."""
     radius_m = np.array([0.02, np.inf]), np.array([0.02, 0.02])
-    for length_m, crossed in ((5e-3, (0, 0)), (0.03, (1, 2))):
-        for curved_m, count in zip(radius_m, crossed, strict=True):
-            corners_m = 4e-4 * np.array([[[0.0, 1, 0], [1, -1, 0], [-1, -1, 0]]])
+    for length_m, gained in ((5e-3, (1, 1)), (0.03, (1j, -1))):
+        for curved_m, gain in zip(radius_m, gained, strict=True):
+            corners_m = 4e-4 * np.array([[0.0, 1, 0], [1, -1, 0], [-1, -1, 0]])
             normals = -np.eye(3)[2] - corners_m / [*curved_m, 1.0]  # hollow, seen from -z
-            mirror = patches_of(corners_m, normals / np.linalg.norm(normals, axis=2, keepdims=True))
-            wall = patches_of(
-                np.array([[[0, 1.0, -length_m], [-1, -1, -length_m], [1, -1, -length_m]]]),
-                np.tile(np.eye(3)[2], (1, 3, 1)),
-            )
-            zero = np.zeros(1, int)
-            face = np.zeros((1, 1), np.int32)  # of the type for which the kernel is compiled
-            hits = Hits(zero, zero, face, np.zeros((1, 3)), np.zeros(1))
-            tubes = tubes_around(hits, mirror, wall, np.array([[0.0, 0, -500]]))
-            assert tubes.caustics[0] == count
+            mirror = corners_m, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+            wall_m = np.array([[0, 1.0, -length_m], [-1, -1, -length_m], [1, -1, -length_m]])
+            made = field((1.0, 0, -500), mirror, (wall_m, np.tile(np.eye(3)[2], (3, 1))))
+            assert made / abs(made) == pytest.approx(gain, abs=1e-2)
+
+
+def over_two_mirrors(dipole, fresnel=METAL):
+    """The field over a right-angled dihedral with its edge along y, met at 45°."""
+    mirrors = facet((-0.1, 0, 1.0), (1, 0, -1)), facet((0.1, 0, 1.0), (-1, 0, -1))
+    return field((-0.1, 0, 0), *mirrors, dipole, fresnel)
+
+
+def test_a_metal_dihedral_turns_the_field_across_its_edge():
+    """Image theory: two mirrors at a right angle turn space by 180° about the edge: a field along
+    it stays, one across it comes back as its opposite, and one at 45° comes back crossed (Ruck et
+    al., Radar Cross Section Handbook)."""
+    along = over_two_mirrors((0, 1, 0))
+    assert over_two_mirrors((1, 0, 0)) == pytest.approx(-along, rel=1e-5)
+    assert abs(over_two_mirrors((0.5**0.5, 0.5**0.5, 0))) < 1e-5 * abs(along)
+
+
+@pytest.mark.parametrize(("dipole", "part"), [((0, 1, 0), 0), ((1, 0, 0), 1)])
+def test_skin_reflects_by_fresnels_formulas(dipole, part):
+    """At 45°; the formulas as in Born & Wolf, sec. 1.5.2."""
+    n, inside = np.sqrt(6.4 * (1 - 1.35j)), np.sqrt(6.4 * (1 - 1.35j) - 0.5)
+    s = (0.5**0.5 - inside) / (0.5**0.5 + inside)
+    p = (inside - n**2 * 0.5**0.5) / (inside + n**2 * 0.5**0.5)
+    fresnel = reflections(SKIN, np.array([80e9]), np.maximum(np.linspace(0, 1, 1025), 1e-6))
+    expected = (s, p)[part] ** 2 * over_two_mirrors(dipole)
+    assert over_two_mirrors(dipole, fresnel) == pytest.approx(expected, rel=3e-3)
 
 
 def test_flat_and_convex_bodies_have_no_second_bounce():
@@ -140,24 +181,9 @@ def test_layers_reflect_each_in_its_way(reflection, two, expected, monkeypatch):
     """Each tube meets both plates once."""
     metal, layers = twice(CORNER, TONE_HZ), np.array(reflection)[:, None]
     monkeypatch.setattr(multipath_effect, "echo_reflections", lambda *_: layers)
+    monkeypatch.setattr(multipath_effect, "reflections", lambda *_: METAL.repeat(2, axis=0))
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
     second = bare.surface.facets.face >= len(CORNER.faces) // 2
     bare.surface = replace(bare.surface, layer=(second & two).astype(int))
     bare.shape(multipath)
     assert relative_error(bare.bounced, expected * metal) < 1e-6
-
-
-def test_the_peak_of_a_trihedral_is_its_third_bounce(monkeypatch):
-    # Closed form: 12πa⁴/λ² of three squares of side a, of geometrical and of physical
-    # optics.
-    turn = 0.3 + 2 * np.pi / 3 * np.arange(3)
-    edges = np.stack([np.cos(turn), -np.sin(turn), -np.full(3, np.sqrt(0.5))], axis=1) * np.sqrt(
-        2 / 3
-    )
-    body = joined(
-        *(plate(np.zeros(3), 0.03 * edges[i], 0.03 * edges[(i + 1) % 3], 16) for i in range(3))
-    )
-    expected = 12 * np.pi * 0.03**4 / WAVELENGTH_M**2
-    assert cross_section_m2(body) == pytest.approx(expected, rel=5e-3)
-    monkeypatch.setattr(multipath_effect, "BOUNCES", 2)
-    assert cross_section_m2(body) < 1e-3 * expected
