@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.calibration.registration.rigid_fit import Pairs, majority
+from handbench.calibration.registration.rigid_fit import Pairs, fit, majority
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import Candidate, Target, match
 from handbench.calibration.spheres.optical_detection import TOWARDS_CAMERAS_PX, find_spheres
@@ -91,14 +91,14 @@ def solve(pairs: Pairs, common_cov_m2: np.ndarray | None = None) -> Transform:
     (m²) of an error common to all pairs, added to the translation's. Raises HandbenchError if the
     pairs do not determine the rotation, or contradict one another so that there is no majority.
     """
-    agree, motion = majority(pairs)
-    residuals_m = np.linalg.norm(pairs.offsets(motion.matrix), axis=1)
+    agree = majority(pairs)
+    matrix, covariance = fit(pairs[agree])
+    residuals_m = np.linalg.norm(pairs.offsets(matrix), axis=1)
     for i in np.flatnonzero(~agree):
         say(
             f"registration: {pairs.names[i]} is {1e3 * residuals_m[i]:.3g} mm away from where the "
             "other elements place it, and is left out"
         )
-    covariance = motion.covariance.copy()
     if common_cov_m2 is not None:
         covariance[:3, :3] += common_cov_m2  # all centres move together: a translation
-    return Transform("photo", "radar", motion.matrix, covariance, residuals_m)
+    return Transform("photo", "radar", matrix, covariance, residuals_m)

@@ -8,7 +8,6 @@ residuals d = q − R·p − t, C = R·P·Rᵀ + Q.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -116,19 +115,10 @@ class Pairs:
         return condition_number(self.source_m, self.target_m, self.weights)
 
 
-class RigidFit(NamedTuple):
-    """A rigid motion fitted to pairs of points, matrix [4, 4]. covariance [6, 6]: that of
-    [translation_m, rotation_rad] about the origin of the target's frame, as in `Transform`;
-    distances [n]: residuals in standard deviations."""
-
-    matrix: np.ndarray
-    covariance: np.ndarray
-    distances: np.ndarray
-
-
-def fit(pairs: Pairs) -> RigidFit:
+def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     """Fit the rigid motion from source to target points by maximum likelihood, without rejecting
-    any pair. The pairs must determine a rotation.
+    any pair, which must determine a rotation: (matrix [4, 4], covariance [6, 6] of [translation_m,
+    rotation_rad] about the origin of the target's frame, as in `Transform`).
 
     Gauss–Newton steps start from the closed form (Umeyama 1991, weighted). The covariance is the
     inverse of JᵀC⁻¹J; if the residuals contradict it (99 %), it is enlarged by χ² over the degrees
@@ -158,12 +148,11 @@ def fit(pairs: Pairs) -> RigidFit:
     matrix[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
     to_origin = adjoint(-q_mean) @ units
     covariance = inflation * to_origin @ cho_solve(factor, np.eye(6)) @ to_origin.T
-    return RigidFit(matrix, covariance, distances)
+    return matrix, covariance
 
 
-def majority(pairs: Pairs) -> tuple[np.ndarray, RigidFit]:
-    """Find the majority of pairs that agree on one rigid motion: (boolean mask [n], fit to these
-    pairs).
+def majority(pairs: Pairs) -> np.ndarray:
+    """Find the majority of pairs that agree on one rigid motion: a boolean mask [n].
 
     Raises HandbenchError if the pairs do not determine the rotation (with their condition number),
     if more of them agree as a mirror image, and if fewer than four, or fewer than 60 %, agree.
@@ -194,7 +183,7 @@ def majority(pairs: Pairs) -> tuple[np.ndarray, RigidFit]:
             "pairs to agree; check the matching and that the target stood still, or record it again"
         )
     _require_condition(pairs[agree])
-    return agree, fit(pairs[agree])
+    return agree
 
 
 def _require_condition(pairs: Pairs) -> None:

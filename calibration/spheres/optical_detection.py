@@ -8,7 +8,7 @@ manufacturing tolerance.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -39,22 +39,11 @@ LEAST_HELD = 1e-3
 PATCH = 0.5
 
 
-@dataclass(frozen=True)
-class Sphere(Candidate):
-    """A foam sphere detected in a point cloud. radius_m: its radius if that is fitted freely, as a
-    check; inliers: number of points on it, after thinning of the cloud; coverage: share of its
-    surface that they cover."""
-
-    radius_m: float
-    inliers: int
-    coverage: float
-
-
 def find_spheres(
     points_m: np.ndarray, normals: np.ndarray, target: Target, pixel_m: float = 0.0
-) -> list[Sphere]:
-    """Find all spheres in a point cloud that have the radius of an element of the target, those
-    with most points first.
+) -> list[Candidate]:
+    """Find all spheres in a point cloud that have the radius of an element of the target, the
+    largest first.
 
     points_m, normals: [n, 3], normals outward (towards the cameras); pixel_m: size on the surface
     of a pixel of the cloud's depth maps, which enlarges the covariances by the errors of dense
@@ -63,7 +52,7 @@ def find_spheres(
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
     points_m, normals = thin_cloud(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
     whole_m2 = (WHOLE_PX * pixel_m) ** 2 * np.eye(3)
-    spheres: list[Sphere] = []
+    spheres: list[tuple[float, Candidate]] = []
     for radius_m in radii_m:
         elements = tuple(i for i, e in enumerate(target.element) if e.sphere_radius_m == radius_m)
         for centre_m in meeting_points(points_m, normals, radius_m):
@@ -78,12 +67,11 @@ def find_spheres(
             )
             # foam spheres cannot share more than a little of their space
             if sphere is not None and all(
-                np.linalg.norm(sphere.centre_m - other.centre_m)
-                > 0.5 * (sphere.radius_m + other.radius_m)
-                for other in spheres
+                np.linalg.norm(sphere.centre_m - other.centre_m) > 0.5 * (radius_m + other_radius_m)
+                for other_radius_m, other in spheres
             ):
-                spheres.append(replace(sphere, covariance_m2=sphere.covariance_m2 + whole_m2))
-    return sorted(spheres, key=lambda sphere: -sphere.inliers)
+                spheres.append((radius_m, sphere))
+    return [replace(s, covariance_m2=s.covariance_m2 + whole_m2) for _, s in spheres]
 
 
 def thin_cloud(
@@ -124,7 +112,7 @@ def fit_sphere(
     radius_m: float,
     elements: tuple[int, ...],
     radius_sigma_m: float = 0.0,
-) -> Sphere | None:
+) -> Candidate | None:
     """Fit a sphere to the points near a first guess of its centre; None if the points do not
     support it.
 
@@ -173,8 +161,7 @@ def fit_sphere(
     inverse = np.linalg.pinv(((1 - u2) * (1 - 5 * u2) * design.T) @ design + prior)
     spread = shared * (score**2 * design.T) @ design + prior * prior[3, 3] * radius_sigma_m**2
     covariance_m2 = (inverse @ spread @ inverse)[:3, :3]
-    inliers = int((u2 < 1).sum())
-    return Sphere(centre_m, covariance_m2, elements, float(free_radius_m), inliers, coverage)
+    return Candidate(centre_m, covariance_m2, elements)
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:

@@ -25,7 +25,7 @@ from handbench.calibration.spheres.description import (
     default_target,
     match,
 )
-from handbench.calibration.spheres.optical_detection import Sphere, find_spheres, fit_sphere
+from handbench.calibration.spheres.optical_detection import find_spheres, fit_sphere
 from handbench.calibration.spheres.radar_detection import DetectedBall
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
@@ -185,7 +185,7 @@ def _cap(rng: np.random.Generator, part: float) -> np.ndarray:
     return outward(2 * part * rng.random(points) - 1, 2 * np.pi * rng.random(points))
 
 
-def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Sphere | None:
+def _fit(rng: np.random.Generator, normals: np.ndarray, noise_m: float) -> Candidate | None:
     """The fit to places about the origin of a sphere with the radius that is expected, to its
     tolerance."""
     made_m = RADIUS_M + RADIUS_SIGMA_M * rng.standard_normal()

@@ -158,16 +158,15 @@ def test_the_weighted_refinement_and_its_covariance(target_far, seed):
         for side, root in zip((p, q), roots, strict=True)
     )
     pairs = Pairs.of(source, target)
-    found = fit(pairs)
-    assert found.distances @ found.distances < 3 * 5 - 6
-    wanted, covariance = weighted(pairs, found.matrix)
-    np.testing.assert_allclose(found.matrix[:3, :3], middles(wanted[:, :3]), atol=BAR)
-    miss = off(pairs.offsets(found.matrix), balls(q) - balls(p) @ wanted[:, :3].T - wanted[:, 3])
+    matrix, found = fit(pairs)
+    assert (pairs.distances(matrix) ** 2).sum() < 3 * 5 - 6
+    wanted, covariance = weighted(pairs, matrix)
+    np.testing.assert_allclose(matrix[:3, :3], middles(wanted[:, :3]), atol=BAR)
+    miss = off(pairs.offsets(matrix), balls(q) - balls(p) @ wanted[:, :3].T - wanted[:, 3])
     assert miss.max() < BAR * EXTENT_M + 4 * np.finfo(float).eps * np.abs(q).max()
     covariance = middles(covariance)
     deviations = np.sqrt(np.diag(covariance))
-    share = (found.covariance - covariance) / np.outer(deviations, deviations)
-    assert np.abs(share).max() < BAR
+    assert np.abs((found - covariance) / np.outer(deviations, deviations)).max() < BAR
 
 
 LINE = np.array([[0.0, 0, 0], [0.03, 0, 0], [0.05, 0, 0], [0.09, 0, 0], [0.12, 0, 0]])

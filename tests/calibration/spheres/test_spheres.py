@@ -53,9 +53,6 @@ def test_all_spheres_are_found_and_nothing_else(rng, target, part):
         # 600 voxels or more, ± 0.2 mm each at worst: 0.01 mm, times 3 to 8 since a smaller cap
         # leaves its depth less certain, with a radius that is known to ± 0.05 mm
         assert np.linalg.norm(sphere.centre_m - centres[element]) < (5e-5 if part > 0.2 else 8e-5)
-        assert sphere.radius_m == pytest.approx(target.element[element].sphere_radius_m, rel=0.01)
-        assert sphere.coverage == pytest.approx(part, abs=0.03)
-        assert sphere.inliers > 500
 
 
 def surface(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
