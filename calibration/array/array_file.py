@@ -3,7 +3,7 @@ captures."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -133,7 +133,7 @@ def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
 def load_array(path: str | Path) -> ArrayCalibration:
     """Read an array calibration from the file `array.json`. Raises HandbenchError for unknown keys,
     wrong shapes, NaN and implausible values."""
-    return _array(read_json(path, "an array calibration (array.json)"), str(path))
+    return parse(ArrayCalibration, read_json(path, "an array calibration (array.json)"), str(path))
 
 
 def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, str]:
@@ -147,16 +147,7 @@ def with_calibration(capture: RadarCapture, file: Path) -> tuple[RadarCapture, s
         calibration, where = load_array(file), str(file)
     elif capture.calibration is not None:
         where = f"{file.parent}: the {file.name} inside its echoes"
-        calibration = _array(capture.calibration, where)
+        calibration = parse(ArrayCalibration, capture.calibration, where)
     else:
         return capture, ""
     return calibration.applied_to(capture, where), f"{where}: applied: {calibration.summary()}"
-
-
-def _array(content: Any, where: str) -> ArrayCalibration:
-    if not isinstance(content, dict):
-        raise HandbenchError(
-            f"{where}: is a {type(content).__name__}; expected a table, the array calibration "
-            "(array.json)"
-        )
-    return parse(ArrayCalibration, content, where)

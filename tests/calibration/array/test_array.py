@@ -178,7 +178,7 @@ def test_it_is_applied_to_its_own_array_only(noisy):
         ('"gain": [', '"gain": [[1, 0], ', "has 48 entries, but 'nominal_m' has 47"),
         ('"gain": [[', '"gain": [[NaN, 0], [', r"'tx.gain.0.0' is nan"),
         ('"delay_sigma_m": [', '"delay_sigma_m": [-1.0, ', r"'tx.delay_sigma_m.0' is -1.0"),
-        ("{", "[{}]; {", "expected a table, the array calibration"),
+        ("{", "[{}]; {", "valid dictionary"),
     ],
 )
 def test_a_wrong_file_is_refused_in_one_line_and_the_right_one_comes_back(
