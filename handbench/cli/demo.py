@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> None:
     rows: dict[str, dict[str, str]] = {}
     for id in METHODS:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
-        depth, title = images.results[0].depth, titles()[id]
+        depth, title = images.depths[0], titles()[id]
         depth.save(folder / f"{id}.npz")
         score = Depth(depth).evaluate(truth)
         values = score.values | {"seconds": median(images.seconds)}

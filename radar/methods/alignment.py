@@ -188,7 +188,6 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
     shift is searched; this is repeated config.refinements times in all.
     """
     echoes = FskEchoes.of(capture, config, frame)
-    config = echoes.config
     step = echoes.first_step()
     z_m, amplitude, wrapped = step.z_m, step.amplitude, doubtful_on_plane(step)
     grid, tones_hz = config.pixels, echoes.frequencies_hz[: len(config.tones_hz)]
@@ -202,7 +201,7 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
         if config.drop_doubtful and (coherence >= NONE).any():
             z_m[coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
-    db, settings = amplitude_db(amplitude), config.model_dump()
+    db, settings = amplitude_db(amplitude), echoes.config.model_dump()
     sigma_m = grid.on_map(step.index, found.sigma_m)
     depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, wrapped)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)

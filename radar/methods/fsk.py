@@ -71,7 +71,7 @@ class Fsk(MethodSettings):
         return tones_hz
 
 
-def reach_hz(tones_hz: Sequence[float]) -> float:
+def reach_hz(tones_hz: Sequence[float] | np.ndarray) -> float:
     """Return the larger of the distances Δf, hertz, between the last tone and the first two. The
     depth step of the last tone is unambiguous within ±c/4Δf."""
     return max(abs(tones_hz[-1] - hz) for hz in tones_hz[:-1][:2])
@@ -105,7 +105,8 @@ class FskStep:
     def where(self, chosen: np.ndarray) -> FskStep:
         """Return the step with only the pixels chosen [k], positions among the n."""
         parts = (self.index, self.formed_m, self.images, self.again)
-        return FskStep(self.echoes, *(part[..., chosen] for part in parts), self.amplitude)
+        index, formed_m, images, again = (part[..., chosen] for part in parts)
+        return FskStep(self.echoes, index, formed_m, images, again, self.amplitude)
 
     @property
     def grid(self) -> PixelGrid:

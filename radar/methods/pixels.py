@@ -32,7 +32,7 @@ def _window_sums(values: np.ndarray, size_px: int) -> np.ndarray:
         padding = [(0, 0), (0, 0)]
         padding[axis] = (size_px // 2, (size_px - 1) // 2)
         windows = sliding_window_view(np.pad(values, padding), size_px, axis)
-        values = sum(windows[..., i] for i in range(size_px))
+        values = sum((windows[..., i] for i in range(size_px)), np.zeros(values.shape))
     return values
 
 
