@@ -79,7 +79,7 @@ def cases(
     plane = VoxelGrid(grid.x_m, grid.y_m, grid.z_m[middle, None])
     at_first = VoxelGrid(frame.x.values_m(), frame.y.values_m(), np.array([frame.first_depth_m]))
     image = partial(image_volume, echoes(), tones_hz, array)
-    images = partial(image_volume, frame_samples, frame_hz, array, at_first, apart=True)
+    images = partial(image_volume, frame_samples, frame_hz, array, at_first, per_tone=True)
     return [
         EngineCase(
             "volume",

@@ -47,12 +47,12 @@ def image_points(
     aperture: Aperture,
     points_m: np.ndarray,
     tolerance: float | None,
-    apart: bool = False,
+    per_tone: bool = False,
 ) -> np.ndarray:
-    """Image points by backprojection: complex64 [...], the coherent sum of all tones, or with
-    `apart` one image per tone, [f, ...].
+    """Image points p by backprojection, O(p) = Σ_f Σ_t Σ_r S_f[t, r] e^{j2πf(|p − t| + |p − r|)/c}:
+    complex64 [...], or with `per_tone` one image per tone, the terms of the sum over f: [f, ...].
 
-    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
     points_m: [..., 3], in metres. tolerance: largest relative L2 error, 1e-6 to 0.1; None for the
     exact sum over every tone and antenna, which is also used where it costs less than the fast
     algorithm with its plan. Raises HandbenchError for invalid arguments.
@@ -63,16 +63,16 @@ def image_points(
     if points_m.shape[-1:] != (3,):
         raise HandbenchError(f"points_m: have shape {points_m.shape}; expected [..., 3], in metres")
     points = points_m.reshape(-1, 3)
-    shape = (len(samples), *points_m.shape[:-1]) if apart else points_m.shape[:-1]
+    shape = (len(samples), *points_m.shape[:-1]) if per_tone else points_m.shape[:-1]
     if len(points) == 0:
         return np.zeros(shape, np.complex64)
     points = positions("points_m", points)
-    family = Family(tolerance or 0.0, apart)
+    family = Family(tolerance or 0.0, per_tone)
     plans = [] if tolerance is None else _plans(frequencies_hz, aperture, points, family)
     if not plans:
-        images = _engine().exact_images(samples, frequencies_hz, aperture, points, apart)
+        images = _engine().exact_images(samples, frequencies_hz, aperture, points, per_tone)
         return to_host(images).reshape(shape)
-    images = np.empty((len(samples) if apart else 1, len(points)), np.complex64)
+    images = np.empty((len(samples) if per_tone else 1, len(points)), np.complex64)
     for plan, near, where in plans:
         images[:, near] = to_host(_engine().image(plan, samples, where))
     return images.reshape(shape)
@@ -84,13 +84,15 @@ def image_volume(
     aperture: Aperture,
     grid: VoxelGrid,
     tolerance: float | None,
-    apart: bool = False,
+    per_tone: bool = False,
     carrier: bool = True,
 ) -> np.ndarray:
-    """Image all voxels of a grid by backprojection: complex64 [nz, ny, nx], or with `apart` one
-    volume per tone, [f, nz, ny, nx]. A grid with one depth gives a plane, nz = 1.
+    """Image all voxels p of a grid by backprojection,
+    O(p) = Σ_f Σ_t Σ_r S_f[t, r] e^{j2πf(|p − t| + |p − r|)/c}: complex64 [nz, ny, nx], or with
+    `per_tone` one volume per tone, the terms of the sum over f: [f, nz, ny, nx]. A grid with one
+    depth gives a plane, nz = 1.
 
-    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
     tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum. carrier: with a
     tolerance, False omits a phase factor that depends on the voxel and is the same for all tones;
     this is faster, and enough for magnitudes and for phase differences between tones. Raises
@@ -99,19 +101,19 @@ def image_volume(
     """
     check(tolerance)
     _check_size(samples, frequencies_hz, aperture)
-    count = len(samples) if apart else 1
+    count = len(samples) if per_tone else 1
     require_memory(
         8 * count * int(np.prod(grid.shape)),
         f"volume of {count} × {grid.shape} voxels [nz, ny, nx]",
         COARSER,
     )
     if tolerance is None:
-        volumes = _exact_volume(samples, frequencies_hz, aperture, grid, apart)
+        volumes = _exact_volume(samples, frequencies_hz, aperture, grid, per_tone)
     else:
-        plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, apart))
+        plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, per_tone))
         nodes, images = _node_images(plan, samples, frequencies_hz, aperture, grid.z_m)
         volumes = _engine().volume(plan, nodes, images, carrier)
-    return volumes.reshape((count, *grid.shape) if apart else grid.shape)
+    return volumes.reshape((count, *grid.shape) if per_tone else grid.shape)
 
 
 def project_volume(
@@ -121,10 +123,10 @@ def project_volume(
     grid: VoxelGrid,
     tolerance: float | None,
 ) -> Peaks:
-    """Find the strongest voxel along z for each pixel of a volume imaged by backprojection, all
-    tones summed coherently: its index and magnitudes, as `Peaks`.
+    """Find the strongest voxel along z for each pixel of a volume, argmax_z |O(x, y, z)| with the
+    coherent sum O of `image_volume`: its index and magnitudes, as `Peaks`.
 
-    samples: complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
     tolerance: largest relative L2 error, 1e-6 to 0.1, with which the volume is never stored as a
     whole; None for the exact sum.
     """
@@ -214,7 +216,7 @@ def _node_images(
     if plan.tree is None:
         points_m = nodes.points_m().reshape(-1, 3)
         images = _engine().exact_images(
-            samples, frequencies_hz, aperture, points_m, plan.family.apart
+            samples, frequencies_hz, aperture, points_m, plan.family.per_tone
         )
     else:
         images = _engine().image(plan.tree, samples, plan.sort(nodes))
@@ -226,15 +228,15 @@ def _exact_volume(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     grid: VoxelGrid,
-    apart: bool,
+    per_tone: bool,
 ) -> np.ndarray:
-    volume = np.empty((len(samples) if apart else 1, int(np.prod(grid.shape))), np.complex64)
+    volume = np.empty((len(samples) if per_tone else 1, int(np.prod(grid.shape))), np.complex64)
     flat = np.arange(volume.shape[1])
     for start in track(range(0, len(flat), CHUNK), "exact volume"):
         chunk = slice(start, start + CHUNK)
         volume[:, chunk] = to_host(
             _engine().exact_images(
-                samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), apart
+                samples, frequencies_hz, aperture, grid.points_at_m(flat[chunk]), per_tone
             )
         )
     return volume

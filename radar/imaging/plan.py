@@ -192,7 +192,7 @@ class GridPlan:
         self.grid, self.planes, self.family = grid, planes, family
         self.nodes = VoxelGrid(self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
-        images = len(frequencies_hz) if family.apart else 1
+        images = len(frequencies_hz) if family.per_tone else 1
         needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)
         require_memory(needed, f"grid of {grid.shape} voxels [nz, ny, nx]", COARSER)
         self.tree = (

@@ -22,7 +22,9 @@ TIE = 1e-6  # relative difference below which two members count as equally good
 CROWDING, REACH = 0.6, 4.0
 REGULARISATION = 0.03  # λ over the squared tolerance: weights stay near one except at the ends
 
-WIDER = 1.015  # factor by which a band is widened until the worst channel's error is at most ...
+BAND_STEP = (
+    1.015  # factor by which a band is widened until the worst channel's error is at most ...
+)
 SINGLE = 1.6  # ... this many times the tolerance
 AMPLIFICATION = 1.6  # of the nodes' own errors, at most; root mean square over the fine samples
 PROBED = 49  # frequencies at which the misfit is computed
@@ -140,7 +142,7 @@ def resampler_for_channels(
         regained = np.tensordot(found.weights, channels(found.nodes_m), 1)
         if (np.abs(regained - fine) ** 2).mean(axis=(0, 1)).max() <= (SINGLE * tolerance) ** 2:
             return found
-        half_band *= WIDER
+        half_band *= BAND_STEP
 
 
 def _crowded(intervals: int) -> np.ndarray:

@@ -26,17 +26,18 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticSc
 from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
-# (share of the tolerance, number of members): a skeleton with more members than that keeps its
-# worst residual below that share. The errors of many members average out. With five or fewer they
-# are similar and near the bound: those of both legs in cell and leaf, and of the tones, add up to
-# √6 of it (1.2 of the tolerance was measured 100 m away). The shares hold the tolerance for a
-# single live channel too, whose error nothing averages (measured at worst on the paper's volume:
-# 0.9 of the tolerance, 0.7 for white noise; with 1.6 in place of 1.3: 1.16).
-SHARES = (1.3, 15), (1.0, 5), (0.4, 0)
-# In a box of fewer than TOGETHER wavelengths the residuals of all points are similar, and add up
-# where the points' echoes cancel: to twice the tolerance for 60 points within 2.5 mm, each of which
-# met it.
-TOGETHER, ADDED_UP = 2.0, 0.1
+# Kept members, at least → factor of the tolerance below which a skeleton's worst residual is. The
+# errors of many members average out. With five or fewer they are similar and near the bound: those
+# of both legs in cell and leaf, and of the tones, add up to √6 of it (1.2 of the tolerance was
+# measured 100 m away). The factors hold the tolerance for a single live channel too, whose error
+# nothing averages (measured at worst on the paper's volume: 0.9 of the tolerance, 0.7 for white
+# noise; with 1.6 in place of 1.3: 1.16).
+TOLERANCE_FACTORS = {16: 1.3, 6: 1.0, 0: 0.4}
+# In a box of fewer wavelengths than this the residuals of all points are similar, and add up where
+# the points' echoes cancel: to twice the tolerance for 60 points within 2.5 mm, each of which met
+# it. The factor of the tolerance is then SMALL_BOX_FACTOR.
+SMALL_BOX_WAVELENGTHS = 2.0
+SMALL_BOX_FACTOR = 0.1
 PROBES = 4  # points at which a family of antennas is sampled, per antenna
 DIRECT = 512  # antennas that are decomposed at once
 SPARSE = 1e9  # half-wavelengths cubed in a box: 2 m by 2 m by 2 m at 77 GHz
@@ -181,7 +182,7 @@ def _padded(arrays: list[np.ndarray]) -> np.ndarray:
 class Family(NamedTuple):
     """Settings that all boxes of a tree share.
 
-    tolerance: relative L2 error; apart: keep all tones, for one image per tone; whole: keep all
+    tolerance: relative L2 error; per_tone: keep all tones, for one image per tone; whole: keep all
     antennas. The others are for simulation: detour_m: largest extra path of diffracted echoes,
     metres; pattern: None if echoes have no gains, else the exponent q of the antennas' pattern
     cosᵠθ, with which waves have the gains 1/R and cosᵠθ; beside: sine of the largest angle between
@@ -189,7 +190,7 @@ class Family(NamedTuple):
     """
 
     tolerance: float
-    apart: bool
+    per_tone: bool
     detour_m: float = 0.0
     whole: bool = False
     pattern: float | None = None
@@ -273,7 +274,7 @@ def _tones(
     max|ΔR|, so that the phases, as functions of the wavenumber, are band-limited to ±d.
     """
     every = np.arange(len(parent.turns_per_m))
-    if family.apart or len(every) <= 2:
+    if family.per_tone or len(every) <= 2:
         return every, np.zeros((0, 0), np.float32)
     # distances are convex, so that they are largest in a corner; the lowest may be the centre's
     reach_m = sum(
@@ -322,13 +323,13 @@ def _reduced(
     """Choose tones or antennas with the function `reduce`, tolerance → (indices, weights):
     (indices, float32 weights).
 
-    `reduce` gets a share of the given tolerance: a smaller one if few tones or antennas remain
-    (SHARES), since their errors average out less, and if the box is small in wavelengths.
+    `reduce` gets the tolerance times a factor: a smaller one if few tones or antennas remain, since
+    their errors average out less, and if the box is small in wavelengths.
     """
-    together = (box.high_m - box.low_m).max() * turns_per_m.max() < TOGETHER
-    for share, more_than in ((ADDED_UP, 0),) if together else SHARES:
-        index, weights = reduce(share * tolerance)
-        if len(index) > more_than:
+    small = (box.high_m - box.low_m).max() * turns_per_m.max() < SMALL_BOX_WAVELENGTHS
+    for least, factor in ({0: SMALL_BOX_FACTOR} if small else TOLERANCE_FACTORS).items():
+        index, weights = reduce(factor * tolerance)
+        if len(index) >= least:
             break
     return index, np.ascontiguousarray(weights, np.float32)
 

@@ -222,7 +222,7 @@ def broadband_aligned(capture: RadarCapture, config: Aligned, frame: int = 0) ->
     some, samples = even_subset(len(hz), CHECKED), scaled_to_one(samples)
     index = np.flatnonzero(np.isfinite(depth.z_m))
     points_m = grid.points_at_m(index, depth.z_m.ravel()[index])
-    images = image_points(samples[some], hz[some], capture.aperture, points_m, None, apart=True)
+    images = image_points(samples[some], hz[some], capture.aperture, points_m, None, per_tone=True)
     found = align(images, hz[some], path_gradient_z(points_m, capture.aperture))
     z_m, sigma_m = (
         grid.on_map(index, values_m) for values_m in (points_m[:, 2] + found.shift_m, found.sigma_m)

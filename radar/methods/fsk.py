@@ -238,7 +238,7 @@ class FskEchoes(NamedTuple):
             self.frequencies_hz[rows],
             self.aperture,
             tolerance=config.tolerance,
-            apart=True,
+            per_tone=True,
         )
         images, again = np.split(images.reshape(len(rows), -1), [count])
         amplitude = np.abs(images).mean(axis=0)

@@ -76,7 +76,7 @@ def _tone_images(
     samples, f = capture.tones(tones_hz, frame)
     points_m = config.pixels.points_at_m(index, depth.z_m.ravel()[index])
     images = image_points(
-        scaled_to_one(samples), f, capture.aperture, points_m, TOLERANCE, apart=True
+        scaled_to_one(samples), f, capture.aperture, points_m, TOLERANCE, per_tone=True
     ).astype(np.complex128)
     k = 4 * np.pi * f / SPEED_OF_LIGHT_M_S
     if depth.velocity_m_s is not None and capture.times_s is not None:

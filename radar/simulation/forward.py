@@ -82,7 +82,7 @@ def simulate(
     if tolerance is None:
         return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
     position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    family = Family(tolerance, apart=False, pattern=pattern if spreading else None)
+    family = Family(tolerance, per_tone=False, pattern=pattern if spreading else None)
     kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
     sight = scatterers.sight
     kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)

@@ -259,7 +259,7 @@ def test_two_maxima() -> Seen:
 
 
 def _images(samples: np.ndarray, points_m: np.ndarray) -> np.ndarray:
-    return exact_images(samples, np.array(LADDER_HZ), qar50(), points_m, apart=True)
+    return exact_images(samples, np.array(LADDER_HZ), qar50(), points_m, per_tone=True)
 
 
 @hard_case(

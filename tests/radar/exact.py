@@ -10,11 +10,11 @@ def tone_images(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> np.ndarray:
     """`exact_images` of every tone by itself: complex64 [f, n]."""
-    return exact_images(samples, frequencies_hz, aperture, points_m, apart=True)
+    return exact_images(samples, frequencies_hz, aperture, points_m, per_tone=True)
 
 
 def backproject(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> np.ndarray:
     """`exact_images` of the tones' coherent sum: complex64 [n]."""
-    return exact_images(samples, frequencies_hz, aperture, points_m, apart=False)[0]
+    return exact_images(samples, frequencies_hz, aperture, points_m, per_tone=False)[0]

@@ -81,7 +81,7 @@ def test_imaging_is_the_adjoint_of_the_plain_sum(kind, device, tolerance, monkey
             echoes = direct_echoes(at_m, x, tones_hz, aperture)
             y = (echoes + np.abs(echoes).mean() * noise(echoes.shape, 1)).astype(np.complex64)
             for apart in (False, True):
-                images = image(y, tones_hz, aperture, places, tolerance, apart=apart)
+                images = image(y, tones_hz, aperture, places, tolerance, per_tone=apart)
                 images = images.sum(axis=0) if apart else images
                 assert mismatch(echoes, images, x, y) < (tolerance or 1e-6)
 

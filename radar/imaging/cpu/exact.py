@@ -31,17 +31,17 @@ def exact_images(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     points_m: np.ndarray,
-    apart: bool,
+    per_tone: bool,
 ) -> np.ndarray:
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna in float32:
-    complex64 [f, n], one image per tone, with `apart`; else [1, n], their coherent sum.
+    complex64 [f, n], one image per tone, with `per_tone`; else [1, n], their coherent sum.
 
     samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan or a BistaticScan;
     frequencies_hz: [f]. Raises HandbenchError for samples that are not finite, or whose shape does
     not fit the tones and the aperture.
     """
     check_samples(samples, frequencies_hz, aperture)
-    images = np.zeros((len(samples) if apart else 1, len(points_m)), np.complex64)
+    images = np.zeros((len(samples) if per_tone else 1, len(points_m)), np.complex64)
     stacked = [_stack(s) for s in samples]
 
     def work(start: int) -> None:
@@ -49,7 +49,7 @@ def exact_images(
         for f, image in enumerate(
             _block_images(stacked, frequencies_hz, aperture, points_m[block])
         ):
-            if apart:
+            if per_tone:
                 images[f, block] = image
             else:
                 images[0, block] += image

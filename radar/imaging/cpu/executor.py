@@ -26,11 +26,11 @@ ROWS = 16  # pixels along y of one piece of work
 
 def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarray:
     """Image points that the plan has sorted: complex64 [f, points], one image per tone, if the plan
-    keeps tones apart, else [1, points], the sum of all tones. The images are in the order before
+    keeps all tones, else [1, points], the sum of all tones. The images are in the order before
     sorting. samples: complex [f, t, r], or [f, n] of a scan."""
     with one_blas_thread():
         root = _down(planes(samples), plan.root_node, plan.top_node)
-    images = np.empty((len(samples) if plan.family.apart else 1, len(where.order)), np.complex64)
+    images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
         node, leaves = plan.cell(group[0]), group[1]

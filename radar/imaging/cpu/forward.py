@@ -8,6 +8,8 @@ in float64, less that of a reference point near the aperture; the remainder diff
 antennas, so float32 is enough for its phase.
 """
 
+import math
+
 import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
@@ -23,14 +25,14 @@ VECTOR = 32
 def planes(samples: np.ndarray) -> np.ndarray:
     """Convert complex samples to float32 with the real and the imaginary part as second axis: [k,
     t, r] → [k, 2, t, r], or [k, n] of a scan → [k, 2, n, 1]."""
-    apart = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
-    return apart[..., None] if apart.ndim == 3 else apart
+    parts = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
+    return parts[..., None] if parts.ndim == 3 else parts
 
 
-def complex_samples(apart: np.ndarray) -> np.ndarray:
+def complex_samples(parts: np.ndarray) -> np.ndarray:
     """Convert samples [k, 2, t, r], whose second axis has real and imaginary part, to complex64 [k,
     t, r]."""
-    return apart[:, 0] + np.complex64(1j) * apart[:, 1]
+    return parts[:, 0] + np.complex64(1j) * parts[:, 1]
 
 
 @njit(**FAST)
@@ -148,9 +150,9 @@ def evaluate(  # type: ignore[no-untyped-def]
     tones, _, n_a, n_b = samples.shape
     (length_a, position_a), (length_b, position_b) = leg_a, leg_b
     count = points_m.shape[1]
-    blocks = -(-count // max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
+    blocks = math.ceil(count / max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
     # of even blocks, the last one filled up with its last point
-    n = VECTOR * -(-count // (blocks * VECTOR))
+    n = VECTOR * math.ceil(count / (blocks * VECTOR))
     points = np.empty((3, n))  # contiguous: the loops over points become vector code
     for start in range(0, count, n):
         held = min(count - start, n)

@@ -141,22 +141,22 @@ def _grouped(plan: TreePlan, where: SortedPoints) -> DevicePoints:
 
 def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> Array:
     """Image points that the plan has sorted: complex64 [f, points] on the device, one image per
-    tone, if the plan keeps tones apart, else [1, points], the sum of all tones. The images are in
+    tone, if the plan keeps all tones, else [1, points], the sum of all tones. The images are in
     the order before sorting. samples: complex [f, t, r], or [f, n] of a scan."""
-    placed, apart = _placed(plan, where), plan.family.apart
+    placed, per_tone = _placed(plan, where), plan.family.per_tone
     xp, count = placed.xp, placed.points_m.shape[1]
     whole = samples.reshape(1, len(samples), samples.shape[1], -1)
     below = xp.asarray(whole, dtype=np.complex64)
     for boxes in placed.levels:
         below = descend(xp, boxes, below)
-    images = xp.empty((len(samples) if apart else 1, count + 1), np.complex64)
+    images = xp.empty((len(samples) if per_tone else 1, count + 1), np.complex64)
     kept = placed.wave_bytes <= KEPT_BYTES
     of_batches = _kept_waves(placed) if kept else placed.waves()
     for batch, (wave_a, wave_b) in zip(placed.batches, of_batches, strict=True):
         received = xp.matmul(below[batch.leaf].swapaxes(2, 3), wave_a)
         received *= wave_b
         tones = received.sum(axis=2)
-        images[:, batch.target] = tones.swapaxes(0, 1) if apart else tones.sum(axis=1)[None]
+        images[:, batch.target] = tones.swapaxes(0, 1) if per_tone else tones.sum(axis=1)[None]
     return images[:, :-1]
 
 
@@ -232,10 +232,10 @@ def exact_images(
     frequencies_hz: np.ndarray,
     aperture: Aperture,
     points_m: np.ndarray,
-    apart: bool,
+    per_tone: bool,
 ) -> Array:
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna on the current
-    device: complex64 [f, n] there, one image per tone, with `apart`; else [1, n], their coherent
+    device: complex64 [f, n] there, one image per tone, with `per_tone`; else [1, n], their coherent
     sum."""
     xp = array_module()
     matrices = samples.reshape(*samples.shape[:2], -1).swapaxes(1, 2)  # receivers first
@@ -245,7 +245,7 @@ def exact_images(
     turns_per_m = xp.asarray(turns_per_m[:, None, None])
     points = xp.asarray(np.ascontiguousarray(points_m.T, np.float64))[:, None]
     legs = [(leg.passes, xp.asarray(leg.position_m.T)[:, :, None]) for leg in aperture.legs]
-    images = xp.empty((tones if apart else 1, len(points_m)), np.complex64)
+    images = xp.empty((tones if per_tone else 1, len(points_m)), np.complex64)
     block = max(BLOCK_BYTES // (POINT_BYTES * (n_a + n_b) * tones), 1)
     for start in range(0, len(points_m), block):
         here = slice(start, start + block)
@@ -255,5 +255,5 @@ def exact_images(
         received = xp.matmul(matrices, cis(xp, turns_per_m * paths_a))
         received *= cis(xp, turns_per_m * paths_b)
         part = received.sum(axis=1)
-        images[:, here] = part if apart else part.sum(axis=0)
+        images[:, here] = part if per_tone else part.sum(axis=0)
     return images

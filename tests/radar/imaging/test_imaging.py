@@ -200,5 +200,5 @@ def test_points_metres_apart_do_not_plan_what_lies_between_them():
 
 def test_no_points_make_no_image():
     assert image_points(
-        noise((2, 94, 94)), FEW_HZ[:2], qar50(), np.zeros((0, 3)), 1e-3, apart=True
+        noise((2, 94, 94)), FEW_HZ[:2], qar50(), np.zeros((0, 3)), 1e-3, per_tone=True
     ).shape == (2, 0)

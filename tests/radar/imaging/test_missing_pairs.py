@@ -34,7 +34,7 @@ def test_points_and_volumes_are_sums_over_the_pairs_that_are_there(tolerance):
     tones = direct_sum(samples, TONES_HZ, ARRAY, points_m, apart=True)
     allowed = tolerance or SINGLE
     assert relative_error(volume.ravel()[some], sum(tones)) < allowed
-    images = image_points(samples, TONES_HZ, PARTLY, points_m, tolerance, apart=True)
+    images = image_points(samples, TONES_HZ, PARTLY, points_m, tolerance, per_tone=True)
     assert relative_error(images, tones) < allowed
 
 

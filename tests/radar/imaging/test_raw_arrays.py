@@ -31,7 +31,7 @@ def images(samples):
     """Every imaging function's image."""
     for tolerance in (None, 1e-3):
         yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance)
-        yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance, apart=True)
+        yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance, per_tone=True)
         yield image_volume(samples, TONES_HZ, ARRAY, GRID, tolerance)
         yield project_volume(samples, TONES_HZ, ARRAY, GRID, tolerance).magnitude
 

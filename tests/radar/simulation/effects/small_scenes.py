@@ -57,7 +57,7 @@ def depth_shift_m(before, after, low: int = 0, high: int = 2) -> float:
     products = []
     for capture in (before, after):
         points = capture.aperture, NEAR_SIDE_M
-        images = image_points(capture.samples[0], TONES_HZ, *points, None, apart=True)[:, 0]
+        images = image_points(capture.samples[0], TONES_HZ, *points, None, per_tone=True)[:, 0]
         products.append(images[high] * images[low].conj())
     turned = np.angle(products[1] * products[0].conj())
     return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
