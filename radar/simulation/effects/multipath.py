@@ -80,8 +80,7 @@ class Bounces:
         few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m[None]), TONES)
         self._few_hz, self._middle_m = f[few], body.vertices_m.mean(axis=0)
         self._turns_per_m = self._few_hz / SPEED_OF_LIGHT_M_S
-        echo = echo_reflections(surface.material, self._few_hz)
-        self._reflection = echo.astype(np.complex64)
+        self._reflection = echo_reflections(surface.material, self._few_hz).astype(np.complex64)
 
     def echo(self) -> np.ndarray:
         """Compute the samples [f, t, r], complex64. They are summed at few tones, and for each
@@ -335,17 +334,21 @@ def land(  # type: ignore[no-untyped-def]
         shape[0, n] = distance + reach - left_out_m[n]
         shape[1, n], shape[2, n], shape[3, n] = end
         shape[4, n], shape[5, n], shape[6, n] = normal
-        p_m2, q_m2, onward = (-_area(corners[0], ray), _area(edges, normal), _turned(after, normal))
-        level = np.sqrt(p_m2 * min(abs(q_m2), WIDEST * p_m2)) / distance
-        x, y, z = _transverse(dipole, ray)
-        wave = _reflected((x + 0j, y + 0j, z + 0j), ray, after, fresnel[layers[0, n]])
-        wave = _reflected(wave, after, onward, fresnel[layers[1, n]])
-        focused = 1j if q_m2 > 0 else (-1 + 0j if agreement < 0 else 1 + 0j)
         growth = _minus(after, _unit(_minus(antenna, end)))
         growth = _ahead(growth, -_dot(growth, normal), normal)
-        if not lit or _dot(growth, growth) > STEEPEST**2:
-            level = 0.0
-        field[n] = level * focused * _dot(wave, _transverse(dipole, onward))
+        field[n] = 0
+        if lit and _dot(growth, growth) < STEEPEST**2:
+            p_m2, q_m2, onward = (
+                -_area(corners[0], ray),
+                _area(edges, normal),
+                _turned(after, normal),
+            )
+            level = np.sqrt(p_m2 * min(abs(q_m2), WIDEST * p_m2)) / distance
+            x, y, z = _transverse(dipole, ray)
+            wave = _reflected((x + 0j, y + 0j, z + 0j), ray, after, fresnel[layers[0, n]])
+            wave = _reflected(wave, after, onward, fresnel[layers[1, n]])
+            focused = 1j if q_m2 > 0 else (-1 + 0j if agreement < 0 else 1 + 0j)
+            field[n] = level * focused * _dot(wave, _transverse(dipole, onward))
 
 
 @njit(**FAST)
