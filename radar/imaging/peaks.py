@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from handbench.radar.imaging.device import Array
 from handbench.support.compiled import FAST, njit
 
 
-class Peaks(NamedTuple):
+@dataclass(frozen=True)
+class Peaks:
     """The strongest voxel along z for each pixel of a volume O, argmax_z |O(x, y, z)|.
 
     index [ny, nx]: index of this voxel along z. magnitude [3, ny, nx]: magnitudes |O| of the voxel

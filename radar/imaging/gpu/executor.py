@@ -182,7 +182,8 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> Peaks:
     peaks = Peaks.empty(plan.grid.shape[1:])
     for rows, voxels in _upsampled(plan, nodes, images[0]):
         found = strongest_voxels(voxels, xp)
-        peaks.index[rows], peaks.magnitude[:, rows] = map(to_host, found)
+        peaks.index[rows] = to_host(found.index)
+        peaks.magnitude[:, rows] = to_host(found.magnitude)
     return peaks
 
 
