@@ -144,7 +144,7 @@ def quadrature_m(step: FskStep) -> np.ndarray:
 
 def half_period_m(step: FskStep) -> float:
     """Return the unambiguous range ±c / 4Δf, metres on the axis, of the last tone's depths."""
-    return float(SPEED_OF_LIGHT_M_S / (4 * reach_hz(step.frequencies_hz)))
+    return SPEED_OF_LIGHT_M_S / (4 * reach_hz(step.frequencies_hz.tolist()))
 
 
 def doubtful_on_plane(step: FskStep) -> np.ndarray:
