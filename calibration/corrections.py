@@ -12,8 +12,8 @@ from pydantic import Field
 from handbench.radar.data.arrays import (
     SPEED_OF_LIGHT_M_S,
     AntennaArray,
+    AntennaPairs,
     Aperture,
-    BistaticScan,
     channel_ends,
     range_period_m,
 )
@@ -48,7 +48,7 @@ class Corrections(Config):
         aperture = capture.aperture
         if self.scan_step != 1:
             moves_m = (self.scan_step - 1) * scan_moves_m(aperture)
-            aperture = BistaticScan(*(end_m + moves_m for end_m in channel_ends(aperture)))
+            aperture = AntennaPairs(*(end_m + moves_m for end_m in channel_ends(aperture)))
         turns = 2 * capture.vacuum_hz * self.range_offset_m / SPEED_OF_LIGHT_M_S
         phases = np.exp(2j * np.pi * turns).reshape(-1, *[1] * len(aperture.channels))
         samples = (capture.samples * phases).astype(np.complex64)
@@ -109,7 +109,7 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
     some = np.random.default_rng(0).permutation(live)[:MOST_CHANNELS]
     samples = scaled_to_one(samples[:, some])
     tones = even_subset(len(tones_hz), SOME_TONES)
-    pairs = BistaticScan(tx_m[some], rx_m[some])
+    pairs = AntennaPairs(tx_m[some], rx_m[some])
     waves = 2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz
 
     def unexplained(values: np.ndarray) -> np.ndarray:

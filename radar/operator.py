@@ -36,7 +36,7 @@ def operator(
     tones_hz = tones("frequencies_hz", frequencies_hz)
     if not isinstance(array, AntennaArray):
         raise HandbenchError(
-            f"array: is a {type(array).__name__}; expected an AntennaArray, since echoes are "
+            f"array: is an {type(array).__name__}; expected an AntennaArray, since echoes are "
             "simulated for every transmitter with every receiver"
         )
     if isinstance(grid, VoxelGrid):

@@ -90,33 +90,9 @@ class AntennaArray:
 
 
 @dataclass(frozen=True)
-class PlanarScan:
-    """A scan by one transceiver, which is moved over position_m [n, 3], metres, and at each
-    position receives only what it sends there."""
-
-    position_m: np.ndarray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position_m", positions("position_m", self.position_m))
-
-    @property
-    def channels(self) -> tuple[int, ...]:
-        """Shape of one tone's samples: (n,)."""
-        return (len(self.position_m),)
-
-    @property
-    def legs(self) -> tuple[Leg, Leg]:
-        """The two legs of the paths. The first one goes to the target and back; the second has
-        length 0, so that a scan has two legs like an array with one receiver."""
-        return Leg(self.position_m, 2, np.ones(len(self.position_m))), Leg(
-            self.position_m[:1], 0, np.ones(1)
-        )
-
-
-@dataclass(frozen=True)
-class BistaticScan:
-    """A scan by a transmitter and a receiver that both move, as a list of antenna pairs: rx_m[i]
-    receives only what tx_m[i] sends ([n, 3] each, metres). Raises HandbenchError for lists of
+class AntennaPairs:
+    """A list of antenna pairs, as of a scan: rx_m[i] receives only what tx_m[i] sends ([n, 3] each,
+    metres). Those of one transceiver that is moved are equal. Raises HandbenchError for lists of
     different lengths and for invalid positions."""
 
     tx_m: np.ndarray
@@ -137,26 +113,32 @@ class BistaticScan:
         return (len(self.tx_m),)
 
     @property
+    def monostatic(self) -> bool:
+        """Whether every pair is one transceiver, whose paths are those of an array with a single
+        receiver at distance 0."""
+        return np.array_equal(self.tx_m, self.rx_m)
+
+    @property
     def legs(self) -> tuple[Leg, Leg]:
         """The two legs of the paths: transmitters to target, and target to receivers. Path i goes
-        from transmitter i to receiver i."""
-        return Leg(self.tx_m, 1, np.ones(len(self.tx_m))), Leg(
-            self.rx_m, 1, np.ones(len(self.rx_m))
-        )
+        from transmitter i to receiver i; of a transceiver, the first leg goes there and back, and
+        the second has length 0."""
+        every = np.ones(len(self.tx_m))
+        if self.monostatic:
+            return Leg(self.tx_m, 2, every), Leg(self.tx_m[:1], 0, every[:1])
+        return Leg(self.tx_m, 1, every), Leg(self.rx_m, 1, every)
 
 
-Aperture = AntennaArray | PlanarScan | BistaticScan
+Aperture = AntennaArray | AntennaPairs
 
 
 def channel_ends(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions of each channel's transmitter and receiver, [n, 3] each, metres, in the
-    order of one tone's flattened samples. Those of a scan with one transceiver are equal."""
-    if isinstance(aperture, AntennaArray):
-        t, r = (index.ravel() for index in np.indices(aperture.channels))
-        return aperture.tx_m[t], aperture.rx_m[r]
-    if isinstance(aperture, PlanarScan):
-        return aperture.position_m, aperture.position_m
-    return aperture.tx_m, aperture.rx_m
+    order of one tone's flattened samples."""
+    if isinstance(aperture, AntennaPairs):
+        return aperture.tx_m, aperture.rx_m
+    t, r = (index.ravel() for index in np.indices(aperture.channels))
+    return aperture.tx_m[t], aperture.rx_m[r]
 
 
 def range_cell_m(frequencies_hz: np.ndarray) -> float:
@@ -178,7 +160,7 @@ def array_legs(aperture: Aperture, lengths: Any) -> Any:
     the whole path, and the second a single receiver at distance 0.
     """
     to, back = lengths
-    return (to + back, 0 * back[:1]) if isinstance(aperture, BistaticScan) else (to, back)
+    return (to + back, 0 * back[:1]) if isinstance(aperture, AntennaPairs) else (to, back)
 
 
 def qar50() -> AntennaArray:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan, positions
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, positions
 from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.radar.data.recording import to_capture
 from handbench.support.config import Config, parse
@@ -86,10 +86,11 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
 def _data_sets(capture: RadarCapture) -> dict[str, np.ndarray]:
     """Return the data sets, by name, that the file of a capture contains."""
     aperture, samples = capture.aperture, as_complex64(capture.samples)
-    data = {name: places_m for name, places_m in vars(aperture).items() if name.endswith("_m")}
-    if isinstance(aperture, BistaticScan):
+    data = {"tx_m": aperture.tx_m, "rx_m": aperture.rx_m}
+    if isinstance(aperture, AntennaPairs):
         data["pairs"] = np.repeat(np.arange(len(aperture.tx_m))[:, None], 2, axis=1)
-    elif isinstance(aperture, AntennaArray) and aperture.measured is not None:
+        data = {"position_m": aperture.tx_m} if aperture.monostatic else data
+    elif aperture.measured is not None:
         data["pairs"], samples = np.argwhere(aperture.measured), samples[:, :, aperture.measured]
     if capture.calibration is not None:
         data[CALIBRATION] = np.frombuffer(json.dumps(capture.calibration).encode(), np.uint8)

@@ -4,14 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.arrays import (
-    AntennaArray,
-    Aperture,
-    BistaticScan,
-    PlanarScan,
-    positions,
-    tones,
-)
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, Aperture, positions, tones
 from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
@@ -76,7 +69,8 @@ def to_capture(
         )
     aperture: Aperture
     if len(ends_m) == 1:
-        samples, aperture = samples[..., ~missing], PlanarScan(ends_m[0][~missing])
+        places = ends_m[0][~missing]
+        samples, aperture = samples[..., ~missing], AntennaPairs(places, places)
     elif pairs is None:
         aperture = AntennaArray(ends_m[0], ends_m[1], ~missing)
     else:
@@ -92,10 +86,10 @@ def _of_pairs(
     r], which are 0 for pairs that were not measured, and the `AntennaArray`).
 
     t, r [n]: indices of each pair's transmitter and receiver. If few of all possible pairs were
-    measured, the result is (unchanged samples, `BistaticScan`).
+    measured, the result is (unchanged samples, `AntennaPairs`).
     """
     if len(tx_m) * len(rx_m) > SPARSE * len(t):
-        return samples, BistaticScan(tx_m[t], rx_m[r])
+        return samples, AntennaPairs(tx_m[t], rx_m[r])
     shape = (*samples.shape[:2], len(tx_m), len(rx_m))
     require_memory(
         8 * float(np.prod(shape)),

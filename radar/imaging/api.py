@@ -52,7 +52,7 @@ def image_points(
     """Image points p by backprojection, O(p) = Σ_f Σ_t Σ_r S_f[t, r] e^{j2πf(|p − t| + |p − r|)/c}:
     complex64 [...], or with `per_tone` one image per tone, the terms of the sum over f: [f, ...].
 
-    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of AntennaPairs.
     points_m: [..., 3], in metres. tolerance: largest relative L2 error, 1e-6 to 0.1; None for the
     exact sum over every tone and antenna, which is also used where it costs less than the fast
     algorithm with its plan. Raises HandbenchError for invalid arguments.
@@ -92,7 +92,7 @@ def image_volume(
     `per_tone` one volume per tone, the terms of the sum over f: [f, nz, ny, nx]. A grid with one
     depth gives a plane, nz = 1.
 
-    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of AntennaPairs.
     tolerance: largest relative L2 error, 1e-6 to 0.1; None for the exact sum. carrier: with a
     tolerance, False omits a phase factor that depends on the voxel and is the same for all tones;
     this is faster, and enough for magnitudes and for phase differences between tones. Raises
@@ -126,7 +126,7 @@ def project_volume(
     """Find the strongest voxel along z for each pixel of a volume, argmax_z |O(x, y, z)| with the
     coherent sum O of `image_volume`: its index and magnitudes, as `Peaks`.
 
-    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of a PlanarScan or a BistaticScan.
+    samples: S, complex [f, t, r] of an AntennaArray, [f, n] of AntennaPairs.
     tolerance: largest relative L2 error, 1e-6 to 0.1, with which the volume is never stored as a
     whole; None for the exact sum.
     """

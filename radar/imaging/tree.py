@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, BistaticScan
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture
 from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
@@ -204,7 +204,8 @@ def needs_direct_sum(aperture: Aperture) -> bool:
     These are apertures with more than CROWDED antennas on one side (a raster scan has tens of
     thousands of positions), and lists of antenna pairs.
     """
-    return isinstance(aperture, BistaticScan) or max(aperture.channels) > CROWDED
+    pairs = isinstance(aperture, AntennaPairs) and not aperture.monostatic
+    return pairs or max(aperture.channels) > CROWDED
 
 
 def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:

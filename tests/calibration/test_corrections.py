@@ -6,7 +6,7 @@ import pytest
 import handbench.cli.calibrate
 from handbench.calibration.corrections import Corrections, from_echoes
 from handbench.cli.main import main
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, BistaticScan, channel_ends, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, channel_ends, qar50
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.errors import HandbenchError
@@ -19,7 +19,7 @@ def scan():
     """A pair moved over 12 × 12 stops."""
     along = 0.01 * (np.arange(12) - 5.5)
     stops_m = np.array([(x, y, 0) for y in along for x in along])
-    return BistaticScan(stops_m - [0.01, 0, 0], stops_m + [0.01, 0, 0])
+    return AntennaPairs(stops_m - [0.01, 0, 0], stops_m + [0.01, 0, 0])
 
 
 def array():

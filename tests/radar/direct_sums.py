@@ -9,8 +9,7 @@ from handbench.radar.imaging.reference import image_points_exact
 
 
 def _ends_m(aperture: Aperture) -> tuple[np.ndarray, np.ndarray]:
-    to, back = (getattr(aperture, name, None) for name in ("tx_m", "rx_m"))
-    return (aperture.position_m,) * 2 if to is None else (to, back)
+    return aperture.tx_m, aperture.rx_m
 
 
 def direct_sum(

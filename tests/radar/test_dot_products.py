@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.device import use_device
@@ -27,7 +27,7 @@ def drawn(seed, kind="array"):
     count = draw.integers(20, 30, 2) if kind.startswith("array") else [150, 150]
     tx_m, rx_m = (draw.uniform([-0.08, -0.08, -0.004], [0.08, 0.08, 0.004], (n, 3)) for n in count)
     measured = draw.random(count) < 0.7 if kind == "array with gaps" else None
-    aperture = {"pairs": BistaticScan, "transceiver": lambda tx_m, _: PlanarScan(tx_m)}.get(
+    aperture = {"pairs": AntennaPairs, "transceiver": lambda tx_m, _: AntennaPairs(tx_m, tx_m)}.get(
         kind, lambda *ends_m: AntennaArray(*ends_m, measured)
     )(tx_m, rx_m)
     low_m = draw.uniform([-0.08, -0.08, 0.2], [0.04, 0.04, 0.35])
@@ -112,5 +112,5 @@ def test_echoes_with_gains_are_those_of_the_sum(normals, tolerance):
 
 
 def test_a_scan_has_no_operator():
-    with pytest.raises(HandbenchError, match="array: is a PlanarScan"):
-        operator(PlanarScan(np.zeros((1, 3))), [80e9], np.ones((1, 3)))
+    with pytest.raises(HandbenchError, match="array: is an AntennaPairs"):
+        operator(AntennaPairs(np.zeros((1, 3)), np.zeros((1, 3))), [80e9], np.ones((1, 3)))

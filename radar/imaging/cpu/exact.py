@@ -36,7 +36,7 @@ def exact_images(
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna in float32:
     complex64 [f, n], one image per tone, with `per_tone`; else [1, n], their coherent sum.
 
-    samples: [f, t, r] for an AntennaArray, [f, n] for a PlanarScan or a BistaticScan;
+    samples: [f, t, r] for an AntennaArray, [f, n] for AntennaPairs;
     frequencies_hz: [f]. Raises HandbenchError for samples that are not finite, or whose shape does
     not fit the tones and the aperture.
     """

@@ -9,7 +9,7 @@ from scipy.io import savemat
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import MAPPING
-from handbench.radar.data.arrays import AntennaArray, PlanarScan
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.support.errors import HandbenchError
 
 RNG = np.random.default_rng(4)
@@ -142,9 +142,9 @@ def test_pairs_in_text_less_a_background_in_a_medium(tmp_path):
 
 
 def is_the_scan(capture, samples):
-    assert isinstance(capture.aperture, PlanarScan)
+    assert isinstance(capture.aperture, AntennaPairs)
     places_mm = [(x, y, 0) for y in (-20, 0, 20) for x in (-30, -10, 10, 30)]
-    np.testing.assert_allclose(1e3 * capture.aperture.position_m, places_mm, atol=1e-12)
+    np.testing.assert_allclose(1e3 * capture.aperture.tx_m, places_mm, atol=1e-12)
     np.testing.assert_allclose(capture.samples, samples, rtol=1e-5, atol=1e-6)
 
 

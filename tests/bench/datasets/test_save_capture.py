@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import handbench as hb
-from handbench.radar.data.arrays import AntennaArray, PlanarScan
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.methods.measured_tones import measured_settings
 
 RNG = np.random.default_rng(3)
@@ -33,7 +33,7 @@ def test_pairs_and_a_scan(tmp_path):
     assert np.argwhere(echoes.aperture.measured).tolist() == pairs
     np.testing.assert_allclose(echoes.samples[:, :, [0, 1], [1, 3]], SAMPLES[..., 0], rtol=1e-6)
     scan = hb.save_capture(tmp_path / "scan", SAMPLES[:, :, 0], TONES_HZ, position_m=RX_M)
-    assert isinstance(scan.echoes.aperture, PlanarScan)
+    assert isinstance(scan.echoes.aperture, AntennaPairs)
 
 
 @pytest.mark.parametrize(

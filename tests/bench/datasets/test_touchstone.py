@@ -6,7 +6,7 @@ import pytest
 import handbench as hb
 from handbench.bench.datasets.touchstone import import_touchstone
 from handbench.cli.main import main
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import strongest_z_m
@@ -53,8 +53,8 @@ def test_one_port_that_is_moved_is_a_scan(tmp_path):
     files = {f"{k}.s1p": ONE.replace("0.5", f"{k}.5") for k in range(3)}
     import_touchstone(written(tmp_path, files, rows), tmp_path / "scan")
     echoes = hb.load(tmp_path / "scan").echoes
-    assert isinstance(echoes.aperture, PlanarScan)
-    assert echoes.aperture.position_m[:, 0].tolist() == [0, 0.01, 0.02]
+    assert isinstance(echoes.aperture, AntennaPairs)
+    assert echoes.aperture.tx_m[:, 0].tolist() == [0, 0.01, 0.02]
     assert echoes.samples[0].tolist() == [[0.5 - 0.25j, 1.5 - 0.25j, 2.5 - 0.25j], [0.125 + 1j] * 3]
 
 
@@ -63,7 +63,7 @@ def test_another_parameter_of_a_few_of_many_pairs(tmp_path):
     files = {f"{k}.s2p": "# Hz S RI R 50\n1e9 1 0 2 0 3 0.5 4 0\n" for k in range(12)}
     import_touchstone(written(tmp_path, files, rows), tmp_path / "out", parameter="S12")
     echoes = hb.load(tmp_path / "out").echoes
-    assert isinstance(echoes.aperture, BistaticScan)  # twelve pairs of 144
+    assert isinstance(echoes.aperture, AntennaPairs)  # twelve pairs of 144
     np.testing.assert_array_equal(echoes.samples, np.full((1, 1, 12), 3 + 0.5j))
 
 

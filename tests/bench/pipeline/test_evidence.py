@@ -7,7 +7,7 @@ import pytest
 
 from handbench.bench.pipeline.image import image, prepare
 from handbench.bench.validation.checks import CHANNELS, warnings_of
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
@@ -112,6 +112,6 @@ def test_dead_tones_and_antennas_are_named():
     assert "81.8 GHz" in found[0]
     assert "1 of 16 transmitters" in found[1]
     assert "(numbers 3, counted from 0)" in found[1]
-    scan = PlanarScan(SOME.tx_m)
+    scan = AntennaPairs(SOME.tx_m, SOME.tx_m)
     dead = RadarCapture(np.zeros((1, 3, 16), np.complex64), capture.frequencies_hz, scan)
     assert not list(warnings_of(dead, CHANNELS))  # no warning for a frame without any echo

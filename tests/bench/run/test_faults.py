@@ -11,7 +11,7 @@ import pytest
 
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
-from handbench.radar.data.arrays import PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.errors import HandbenchError
@@ -60,7 +60,10 @@ def test_a_flipped_bit_in_a_kept_file_is_reported_and_made_again(
 
 def test_echoes_beyond_memory_are_refused_before_it_is_taken(tmp_path, monkeypatch):
     """On a machine with 10 MB of memory, 1 MB of it free."""
-    samples, scan = np.ones((1, 2, 100_000), np.complex64), PlanarScan(np.zeros((100_000, 3)))
+    samples, scan = (
+        np.ones((1, 2, 100_000), np.complex64),
+        AntennaPairs(np.zeros((100_000, 3)), np.zeros((100_000, 3))),
+    )
     save_capture(tmp_path / "echoes.h5", RadarCapture(samples, np.array([1e9, 2e9]), scan))
     monkeypatch.delenv("HANDBENCH_MEMORY_GB", raising=False)
     free = namedtuple("Free", "available total")(1e6, 1e7)

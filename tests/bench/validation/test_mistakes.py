@@ -16,7 +16,7 @@ from handbench.bench.validation.checks import MAP, warnings_of
 from handbench.bench.validation.mistakes import conjugation_warnings
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, PlanarScan, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
@@ -144,7 +144,9 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     places_m = np.mgrid[-0.05:0.05:30j, -0.05:0.05:30j, 0:1].reshape(3, -1).T
     path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
     samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)
-    scan = RadarCapture(samples[None].astype(np.complex64), tones_hz, PlanarScan(places_m))
+    scan = RadarCapture(
+        samples[None].astype(np.complex64), tones_hz, AntennaPairs(places_m, places_m)
+    )
     for capture in (columns, scan, one):
         [text] = conjugation_warnings(conjugate(capture))
         assert list(conjugation_warnings(capture)) == [] and "conjugate" in text

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from handbench.calibration.array.array_file import ArrayCalibration, load_array, save_array
 from handbench.calibration.array.estimate import estimate_array
 from handbench.calibration.spheres.description import Target
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
@@ -138,7 +138,9 @@ def _sixth_ball(target, centres_m):
     return Imperfect(7).of_target(with_it, places_m), target
 
 
-SCAN = RadarCapture(np.ones((1, 32, 4), np.complex64), TONES_HZ, PlanarScan(np.zeros((4, 3))))
+SCAN = RadarCapture(
+    np.ones((1, 32, 4), np.complex64), TONES_HZ, AntennaPairs(np.zeros((4, 3)), np.zeros((4, 3)))
+)
 
 
 @pytest.mark.parametrize(

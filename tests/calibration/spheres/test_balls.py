@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.calibration.spheres.description import Target
 from handbench.calibration.spheres.radar_detection import find_balls
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.errors import HandbenchError
 
@@ -105,7 +105,7 @@ def test_foam_faces_pull_little_and_a_hidden_ball_is_not_invented(rng, target, p
 @pytest.mark.parametrize(
     ("aperture", "tones", "expected"),
     [
-        (PlanarScan(np.zeros((4, 3))), 128, "use echoes of a MIMO array"),
+        (AntennaPairs(np.zeros((4, 3)), np.zeros((4, 3))), 128, "use echoes of a MIMO array"),
         (
             AntennaArray(ARRAY.tx_m[:2], ARRAY.rx_m[:2]),
             3,

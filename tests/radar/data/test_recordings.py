@@ -11,7 +11,7 @@ from handbench.calibration.array.array_file import (
     save_array,
     with_calibration,
 )
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.data.recording import SPARSE
@@ -112,7 +112,7 @@ def test_a_short_list_of_pairs_is_no_array(tmp_path):
     }
     samples = (RNG.standard_normal((1, 5, n, 2)) @ [1, 1j]).astype(np.complex64)
     capture = loaded(tmp_path, samples=samples, **together)
-    assert isinstance(capture.aperture, BistaticScan)
+    assert isinstance(capture.aperture, AntennaPairs)
     np.testing.assert_array_equal(capture.aperture.rx_m, places + [0.01, 0, 0])
     np.testing.assert_array_equal(thin_antennas(capture, 2).samples, samples[..., ::2])
     fewer = {name: values[:-1] for name, values in together.items()}
@@ -124,7 +124,7 @@ def test_a_scan_without_some_of_its_positions(tmp_path):
     samples[..., 2] = np.nan
     capture = loaded(tmp_path, samples=samples, position_m=position_m, tx_m=None, rx_m=None)
     assert capture.samples.shape == (1, 5, 5)
-    np.testing.assert_array_equal(capture.aperture.position_m, np.delete(position_m, 2, axis=0))
+    np.testing.assert_array_equal(capture.aperture.tx_m, np.delete(position_m, 2, axis=0))
 
 
 MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
@@ -134,10 +134,10 @@ MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
     "capture",
     [
         RadarCapture(SAMPLES, TONES_HZ, AntennaArray(TX_M, RX_M)),
-        RadarCapture(SAMPLES[..., 0], TONES_HZ, PlanarScan(TX_M)),
+        RadarCapture(SAMPLES[..., 0], TONES_HZ, AntennaPairs(TX_M, TX_M)),
         RadarCapture(np.where(MEASURED, SAMPLES, 0), TONES_HZ, AntennaArray(TX_M, RX_M, MEASURED)),
         RadarCapture(
-            np.tile(SAMPLES[..., 0], 6), TONES_HZ, BistaticScan(*RNG.uniform(size=(2, 18, 3)))
+            np.tile(SAMPLES[..., 0], 6), TONES_HZ, AntennaPairs(*RNG.uniform(size=(2, 18, 3)))
         ),
         RadarCapture(
             SAMPLES,

@@ -9,7 +9,7 @@ import pytest
 
 from handbench.cli import reconstruct
 from handbench.cli.main import main
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.device import (
@@ -47,10 +47,12 @@ def on(device: str, image, *arguments):
         return there, image(*arguments)
 
 
-def scan(positions: int) -> PlanarScan:
+def scan(positions: int) -> AntennaPairs:
     """Positions strewn over a plane."""
     generator = np.random.default_rng(3)
-    return PlanarScan(np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)])
+    return AntennaPairs(
+        *2 * [np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)]]
+    )
 
 
 def corner(nx=23, ny=29, nz=21) -> VoxelGrid:
@@ -63,7 +65,7 @@ def corner(nx=23, ny=29, nz=21) -> VoxelGrid:
 ARRAY = AntennaArray(
     qar50().tx_m[::3], qar50().rx_m[::4]
 )  # 32 × 24: enough to be thinned, and quickly planned
-PAIRS = BistaticScan(scan(50).position_m, scan(50).position_m + [0.01, 0.02, 0.0])
+PAIRS = AntennaPairs(scan(50).tx_m, scan(50).tx_m + [0.01, 0.02, 0.0])
 PLANE_M = 1e-3 * np.arange(-30, 31)
 APERTURES = {
     "array": ARRAY,

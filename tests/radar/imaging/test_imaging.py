@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.radar.data.arrays import AntennaArray, PlanarScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.peaks import strongest_voxels
@@ -134,7 +134,9 @@ def test_volumes_of_any_shape_meet_the_tolerance(counts, step_m, tolerance, apar
 )  # with skeletons of positions, and too many for them
 def test_a_scan_meets_the_tolerance(positions):
     generator = np.random.default_rng(3)
-    scan = PlanarScan(np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)])
+    scan = AntennaPairs(
+        *2 * [np.c_[generator.uniform(-0.1, 0.1, (positions, 2)), np.zeros(positions)]]
+    )
     tones_hz, samples = np.linspace(22.2e9, 26.2e9, 11), noise((11, positions))
     grid = VoxelGrid(2e-3 * np.arange(30), 2e-3 * np.arange(25), 0.07 + 1e-3 * np.arange(20))
     chosen, points = at_random_voxels(grid)

@@ -4,7 +4,7 @@ float64 over the pairs that are there, with the wave's own speed."""
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
@@ -58,7 +58,7 @@ def test_every_method_finds_a_point_without_three_tenths_of_the_pairs(id):
 @pytest.mark.parametrize("tolerance", [None, 1e-3])
 def test_a_list_of_pairs_is_summed_pair_by_pair(tolerance):
     places_m = np.c_[np.random.default_rng(1).uniform(-0.05, 0.05, (40, 2)), np.zeros(40)]
-    scan, samples = BistaticScan(places_m, places_m + [0.02, 0.01, 0.0]), noise((3, 40))
+    scan, samples = AntennaPairs(places_m, places_m + [0.02, 0.01, 0.0]), noise((3, 40))
     volume = image_volume(samples, TONES_HZ, scan, GRID, tolerance)
     expected = direct_sum(samples, TONES_HZ, scan, GRID.points_m().reshape(-1, 3))
     allowed = tolerance or SINGLE

@@ -7,7 +7,7 @@ from math import dist, pi
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaArray, BistaticScan, PlanarScan
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.imaging.reference import image_points_exact
 from tests.radar.direct_sums import direct_echoes, direct_sum
 
@@ -37,7 +37,7 @@ def test_an_image_is_the_sum_over_tones_transmitters_and_receivers():
 
 
 @pytest.mark.parametrize(
-    "scan", [PlanarScan(TX_M), BistaticScan(TX_M[:2], RX_M), AntennaArray(TX_M, RX_M)]
+    "scan", [AntennaPairs(TX_M, TX_M), AntennaPairs(TX_M[:2], RX_M), AntennaArray(TX_M, RX_M)]
 )
 def test_direct_sums_and_echoes_of_scans_and_arrays_are_adjoint(scan):
     samples, weight = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.first_depth import first_depth_m
 from handbench.radar.methods.fsk import Fsk
@@ -58,8 +58,11 @@ def test_a_scan_whose_paths_are_whole_steps_has_a_first_depth(count):
     """Transmitter and receiver share a place, so that all paths are multiples of the profile's
     step, and rounding decides in which step the last one is."""
     places_m = np.stack([*np.meshgrid(*[np.linspace(-0.05, 0.05, 6)] * 2), np.zeros((6, 6))], -1)
-    scan, tones_hz = PlanarScan(places_m.reshape(-1, 3)), 60e9 + 25e6 * np.arange(count)
-    path_m = 2 * np.linalg.norm(scan.position_m - [0, 0, 0.4], axis=1)
+    scan, tones_hz = (
+        AntennaPairs(places_m.reshape(-1, 3), places_m.reshape(-1, 3)),
+        60e9 + 25e6 * np.arange(count),
+    )
+    path_m = 2 * np.linalg.norm(scan.tx_m - [0, 0, 0.4], axis=1)
     samples = np.exp(-2j * np.pi * np.multiply.outer(tones_hz, path_m / SPEED_OF_LIGHT_M_S))
     capture = RadarCapture(samples[None].astype(np.complex64), tones_hz, scan)
     off_m = abs(first_depth_m(capture) - 0.4)

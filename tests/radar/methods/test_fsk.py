@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, PlanarScan, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
 from handbench.radar.methods.fsk import Fsk, depth_step_m, fsk
@@ -102,6 +102,8 @@ def test_a_depth_one_period_off_is_flagged(first_depth_m):
 
 
 def test_an_aperture_without_width_has_no_focus_to_tell_by():
-    capture = exact_capture((0.0, 0.0, 0.28), array=PlanarScan(np.zeros((1, 3))))
+    capture = exact_capture(
+        (0.0, 0.0, 0.28), array=AntennaPairs(np.zeros((1, 3)), np.zeros((1, 3)))
+    )
     config = Fsk(tones_hz=PAIR_HZ, filter_px=1, **around((0, 0)))
     assert not fsk_with_uncertainty(capture, config).wrapped.any()
