@@ -5,7 +5,7 @@ It takes up to a minute, once per machine; later runs load the compiled code fro
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.adjoint import scatter
+from handbench.radar.imaging.cpu.adjoint import radiate
 from handbench.radar.imaging.cpu.forward import gather
 from handbench.support.compiled import announce_compilation
 
@@ -13,7 +13,7 @@ from handbench.support.compiled import announce_compilation
 def announce() -> None:
     """Say once per command that the kernels of imaging are compiled now, if numba has not cached
     them."""
-    announce_compilation(gather, scatter)
+    announce_compilation(gather, radiate)
 
 
 def compile_kernels() -> None:

@@ -2,24 +2,25 @@
 
     S_f[t, r] = Σ_p w(p) g_t(p) g_r(p) exp(−j2πf(|p − t| + |p − r|)/c)
 
-The gains g_a(p) = √max(n·û_a, 0) / |p − a|
-are the spreading and obliquity between antenna a and point p with normal n: the physical-optics
-integrand of a smooth surface, whose obliquity is shared evenly between transmitter and receiver, so
-that it is separable and reciprocal (exact where both see the facet under the same angle).
+The gains g_a(p) = D_a(p) √max(n·û_a, 0) / |p − a|
+are the shadow, the obliquity and the spreading between antenna a and point p with normal n: the
+physical-optics integrand of a smooth surface, whose obliquity is shared evenly between transmitter
+and receiver, so that it is separable and reciprocal (exact where both see the facet under the same
+angle).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions
 from handbench.radar.imaging.api import points_plan
-from handbench.radar.imaging.cpu.adjoint import FULL_SIGHT, PackedScatterers, Sight
 from handbench.radar.imaging.cpu.executor import echoes
-from handbench.radar.imaging.cpu.steering import GRAZING, least_cosine, steering
+from handbench.radar.imaging.cpu.steering import GRAZING, distances_m, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
@@ -31,28 +32,79 @@ NEAR = 5.0
 
 
 @dataclass(frozen=True)
+class Sight:
+    """The complex factor D by which obstacles change the wave between each antenna and each of p
+    points: 1 in full sight, 0 in full shadow, and in between, near shadow edges, the result of
+    diffraction. D is smooth over points, antennas and frequency, and tabulated at few of each.
+
+    corner [p, 3]: the three samples around each point (−1: the point is in full sight of all
+    antennas), whose entries in the tables are interpolated with barycentric weights share [p, 3].
+    For transmitters and receivers: tables [samples, 3, nodes], complex64, coefficients of 1, u and
+    u², u = (f/c − middle) / half, at some antennas (nodes), and spreads [a, nodes], float32, which
+    interpolate these to all. detour_m: longest extra path of diffracted waves; beside: sine of the
+    largest angle between them and the straight ray.
+    """
+
+    corner: np.ndarray
+    share: np.ndarray
+    tables: tuple[np.ndarray, np.ndarray]
+    spreads: tuple[np.ndarray, np.ndarray]
+    middle: float = 0.0
+    half: float = 1.0
+    detour_m: float = 0.0
+    beside: float = 0.0
+
+    def __getitem__(self, chosen: np.ndarray | slice) -> Sight:
+        """Return the factors at the points that a mask, indices or a slice select."""
+        return replace(self, corner=self.corner[chosen], share=self.share[chosen])
+
+    @property
+    def partial(self) -> np.ndarray:
+        """Boolean mask [p]: True for points that are not in full sight of all antennas."""
+        return self.corner[:, 0] >= 0
+
+    def factors(self, leg: int, antennas: np.ndarray, turns_per_m: np.ndarray) -> np.ndarray:
+        """Compute D between the transmitters (leg 0) or receivers (leg 1) with these indices [a]
+        and all points, at turns_per_m = f/c [k]: float32 [k, 2, a, p], real and imaginary part."""
+        rows = self.tables[leg].reshape(len(self.tables[leg]), -1).view(np.float32)
+        mixed = self.share[:, 0, None] * rows[self.corner[:, 0]]
+        for i in (1, 2):
+            mixed += self.share[:, i, None] * rows[self.corner[:, i]]
+        at_nodes = np.ascontiguousarray(mixed.T).reshape(3, -1, 2, len(mixed)).swapaxes(1, 2)
+        at_antennas = self.spreads[leg][antennas] @ at_nodes
+        u = (turns_per_m - self.middle) / self.half
+        powers = (u[:, None] ** np.arange(3)).astype(np.float32)
+        factors = (powers @ at_antennas.reshape(3, -1)).reshape(len(u), *at_antennas.shape[1:])
+        if not self.partial.all():
+            factors[..., ~self.partial] = np.array([1, 0])[:, None, None]
+        return np.asarray(factors)
+
+
+@dataclass(frozen=True)
 class Scatterers:
-    """Points that scatter waves.
+    """Points that scatter waves, such as the facets of a surface.
 
     position_m [p, 3]; weight [p]: surface area in m² for physical optics, or any amplitude for
-    points; normal [p, 3]: unit vectors (None: the points scatter evenly in all directions). seen:
-    masks (bool [t, p], bool [r, p]) of the transmitters and the receivers that see each point
-    (None: all do); sight: complex factor of the field between each antenna and each point behind
-    diffracting edges (None: 1).
+    points; normal [p, 3]: unit vectors (None: the points scatter evenly in all directions); sight:
+    complex factors of the fields between antennas and points (None: 1). Of facets: face [p], index
+    of the mesh's face that each is a part of, and share [p, 3], barycentric coordinates between
+    this face's corners.
     """
 
     position_m: np.ndarray
     weight: np.ndarray
     normal: np.ndarray | None = None
-    seen: tuple[np.ndarray, np.ndarray] | None = None
     sight: Sight | None = None
+    face: np.ndarray | None = None
+    share: np.ndarray | None = None
 
-    def where(self, chosen: np.ndarray) -> Scatterers:
-        """Return the scatterers that a mask [p] or indices [n] select."""
-        seen = None if self.seen is None else (self.seen[0][:, chosen], self.seen[1][:, chosen])
-        normal = None if self.normal is None else self.normal[chosen]
-        sight = None if self.sight is None else self.sight.where(chosen)
-        return Scatterers(self.position_m[chosen], self.weight[chosen], normal, seen, sight)
+    def __len__(self) -> int:
+        return len(self.weight)
+
+    def where(self, chosen: np.ndarray | slice) -> Scatterers:
+        """Return the scatterers that a mask [p], indices [n] or a slice select."""
+        values = vars(self).values()
+        return Scatterers(*(None if value is None else value[chosen] for value in values))
 
 
 def simulate(
@@ -76,45 +128,40 @@ def simulate(
     sight_tolerance: if larger, it is used in place of `tolerance` for scatterers that waves reach
     by diffraction.
     """
-    scatterers, partly = _in_sight(scatterers)
-    if len(scatterers.position_m) > 0:
-        _check(scatterers, array, spreading)
-    if tolerance is None:
-        return _simulate_exactly(scatterers, frequencies_hz, array, spreading, pattern)
-    position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    family = Family(tolerance, per_tone=False, pattern=pattern if spreading else None)
-    kinked = partly | _bent(scatterers, frequencies_hz, array, pattern) if spreading else partly
-    sight = scatterers.sight
-    kind = kinked.astype(int) if sight is None else np.where(sight.partial, 2, kinked)
     samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-    # skeletons need smooth gains: those with a kink and those of diffraction keep all antennas
-    for whole in range(3):
-        of_kind = np.flatnonzero(kind == whole)
+    if len(scatterers) == 0:
+        return samples
+    _check(scatterers, array, spreading)
+    exponent, legs_m = pattern if spreading else None, (array.tx_m, array.rx_m)
+    if tolerance is None:
+        chunks = [slice(at, at + CHUNK) for at in range(0, len(scatterers), CHUNK)]
+        parts = (scatterers.where(chunk) for chunk in chunks)
+        sums = (_simulate_exactly(part, frequencies_hz, array, exponent) for part in parts)
+        return sum(sums, samples.astype(np.complex128)).astype(np.complex64)
+    position = np.ascontiguousarray(scatterers.position_m, np.float64)
+    family = Family(tolerance, per_tone=False, pattern=exponent)
+    kind = np.zeros(len(position), int)  # 0: smooth gains, for which few antennas are enough,
+    if spreading:
+        kind[_bent(scatterers, frequencies_hz, array, pattern)] = 1  # 1: gains with a kink
+    families = [family, family._replace(whole=True)]
+    if (sight := scatterers.sight) is not None:
+        kind[sight.partial] = 2  # 2: diffraction
+        families += [family._replace(detour_m=2 * sight.detour_m, whole=True)]
+        if sight_tolerance > tolerance:
+            loose = {"tolerance": sight_tolerance, "whole": False, "beside": sight.beside}
+            families[2] = families[2]._replace(**loose)
+    for number, family in enumerate(families):
+        of_kind = np.flatnonzero(kind == number)
         for near in clusters(position[of_kind], frequencies_hz) if len(of_kind) else []:
             chosen = of_kind[near]
-            family = family._replace(whole=whole > 0)
-            if sight is not None and whole == 2:
-                family = family._replace(detour_m=2 * sight.detour_m)
-                if sight_tolerance > tolerance:
-                    family = family._replace(
-                        tolerance=sight_tolerance, whole=False, beside=sight.beside
-                    )
             plan = points_plan(frequencies_hz, array, position[chosen], family)
             where = plan.sort(position[chosen])
             part = scatterers.where(chosen[where.order])
-            samples += echoes(plan, _source(part, where.points_m, spreading, pattern, whole), where)
+            if number < 2:
+                part = replace(part, sight=None)
+            gains = partial(_gains, part, legs_m, exponent)
+            samples += echoes(plan, gains, where)
     return samples
-
-
-def _in_sight(scatterers: Scatterers) -> tuple[Scatterers, np.ndarray]:
-    """Leave out scatterers that no transmitter or no receiver sees: (the other scatterers, boolean
-    mask that is True for those hidden from at least one antenna)."""
-    if scatterers.seen is None:
-        return scatterers, np.zeros(len(scatterers.position_m), bool)
-    tx, rx = scatterers.seen
-    some = np.logical_and(tx.any(axis=0), rx.any(axis=0))
-    partly = ~np.logical_and(tx.all(axis=0), rx.all(axis=0))
-    return (scatterers, partly) if some.all() else (scatterers.where(some), partly[some])
 
 
 def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None:
@@ -132,24 +179,6 @@ def _check(scatterers: Scatterers, array: AntennaArray, spreading: bool) -> None
             f"scatterers.position_m: point {on[0]} at {places_m[on[0]].tolist()} is on an "
             "antenna, where its echo is infinite; move or remove it, or simulate without spreading"
         )
-
-
-def _source(
-    part: Scatterers, points_m: np.ndarray, spreading: bool, pattern: float, whole: int
-) -> PackedScatterers:
-    """Pack scatterers into arrays for compiled code. points_m [3, p]: their positions; whole: 1 to
-    apply the masks `seen`, 2 to apply the factors `sight`, 0 for neither."""
-    normal = (
-        np.zeros((3, 0)) if part.normal is None else np.ascontiguousarray(part.normal.T, np.float64)
-    )
-    everyone = np.zeros((0, 0), np.uint8)
-    seen = part.seen if whole == 1 and part.seen is not None else (everyone, everyone)
-    seen_tx, seen_rx = (np.ascontiguousarray(leg, np.uint8) for leg in seen)
-    weight = np.asarray(part.weight, np.complex64)
-    sight = part.sight if whole == 2 and part.sight is not None else FULL_SIGHT
-    return PackedScatterers(
-        points_m, weight, normal, spreading, float(pattern), seen_tx, seen_rx, sight
-    )
 
 
 def _bent(
@@ -183,61 +212,70 @@ def _bent(
     return bent | (ahead < least_cosine(pattern)) if pattern != 0 else bent
 
 
-def _simulate_exactly(
+def _gains(
     scatterers: Scatterers,
-    frequencies_hz: np.ndarray,
-    array: AntennaArray,
-    spreading: bool,
-    pattern: float,
-) -> np.ndarray:
-    position = np.ascontiguousarray(scatterers.position_m, np.float64)
-    antennas = [leg.position_m for leg in array.legs]
-    gains = [np.ones((len(leg_m), len(position)), np.float32) for leg_m in antennas]
-    if spreading:
-        gains = [_gain(position, scatterers.normal, leg_m, pattern) for leg_m in antennas]
-    if scatterers.seen is not None:
-        gains = [gain * seen for gain, seen in zip(gains, scatterers.seen, strict=True)]
-    gains[0] = gains[0] * np.asarray(scatterers.weight, np.complex64)
-    distances = [np.linalg.norm(position[None] - leg_m[:, None], axis=2) for leg_m in antennas]
-    legs = list(zip(distances, gains, strict=True))
-    samples = np.zeros((len(frequencies_hz), *array.channels), np.complex64)
-
-    def work(f: int) -> None:
-        turns_per_m = frequencies_hz[f] / SPEED_OF_LIGHT_M_S
-        total = np.zeros(array.channels, np.complex128)
-        for start in range(0, len(position), CHUNK):
-            chunk = slice(start, start + CHUNK)
-            a, b = (_conjugate_steering(d[:, chunk], g[:, chunk], turns_per_m) for d, g in legs)
-            if scatterers.sight is not None:
-                here = scatterers.sight.where(np.arange(len(position))[chunk])
-                a, b = (wave * here.weights(leg, turns_per_m) for leg, wave in enumerate((a, b)))
-            total += a @ b.T
-        samples[f] = total
-
-    for_each(work, range(len(samples)))
-    return samples
-
-
-def _gain(
-    points_m: np.ndarray, normal: np.ndarray | None, antennas_m: np.ndarray, pattern: float
-) -> np.ndarray:
-    """Compute the amplitude gains between antennas and points: float32 [a, p]. They are 1/R, times
-    √(n·û) (obliquity) if the points have normals, times cosᵠθ (the antennas' pattern, exponent q =
-    `pattern`)."""
-    gains = np.empty((len(antennas_m), len(points_m)), np.float32)
-    for gain, antenna in zip(gains, antennas_m, strict=True):
-        towards = antenna - points_m
-        distance = np.linalg.norm(towards, axis=1)
-        obliquity = (
-            1.0 if normal is None else np.maximum((normal * towards).sum(axis=1) / distance, 0.0)
-        )
-        gain[:] = np.sqrt(obliquity) / distance
-        if pattern != 0:
-            gain *= np.maximum(-towards[:, 2] / distance, 0.0) ** pattern
+    legs_m: tuple[np.ndarray, np.ndarray],
+    pattern: float | None,
+    here: slice,
+    antennas: tuple[np.ndarray, np.ndarray],
+    turns_per_m: np.ndarray,
+) -> list[np.ndarray]:
+    """Compute the gains g_a(p) of the transmitters and of the receivers with the indices `antennas`
+    at the scatterers `here`, times their weights for the transmitters: float32 [k, 2, a, p], real
+    and imaginary part, at turns_per_m = f/c [k], or [1, 2, a, p] if they are the same for all
+    tones. pattern: as in `_gain`."""
+    part, gains = scatterers.where(here), []
+    for leg, number in enumerate(antennas):
+        gain = _gain(part, legs_m[leg][number], pattern)
+        weight = np.asarray(part.weight if leg == 0 else 1, np.complex64)
+        if part.sight is None:
+            gains.append(np.stack([gain * weight.real, gain * weight.imag])[None])
+        else:  # of facets, whose weights are areas
+            gains.append(gain * weight.real * part.sight.factors(leg, number, turns_per_m))
     return gains
 
 
-def _conjugate_steering(distance_m: np.ndarray, gain: np.ndarray, turns_per_m: float) -> np.ndarray:
-    parts = np.empty((2, *distance_m.shape), np.float32)
-    steering(distance_m, turns_per_m, parts.reshape(-1, distance_m.shape[1]))
-    return np.asarray(gain * (parts[0] - np.complex64(1j) * parts[1]))
+def _gain(scatterers: Scatterers, antennas_m: np.ndarray, pattern: float | None) -> np.ndarray:
+    """Compute the gains of antennas at scatterers without D, float32 [a, p]: 1/R, times √(n·û)
+    (obliquity) if they have normals, times cosᵠθ, the antennas' pattern with the exponent q =
+    `pattern`. With None, all gains are 1."""
+    if pattern is None:
+        return np.ones((len(antennas_m), len(scatterers)), np.float32)
+    points_m, normal = scatterers.position_m, scatterers.normal
+    nearness = 1 / distances_m(antennas_m, np.ascontiguousarray(points_m.T, np.float64))
+    gain = nearness = nearness.astype(np.float32)
+    if normal is not None:
+        towards_m = antennas_m @ normal.T - np.einsum("pi,pi->p", points_m, normal)
+        gain = np.sqrt(np.maximum(towards_m.astype(np.float32) * nearness, 0)) * gain
+    if pattern != 0:
+        ahead_m = points_m[:, 2] - antennas_m[:, 2, None]
+        gain = np.maximum(ahead_m.astype(np.float32) * nearness, 0) ** np.float32(pattern) * gain
+    return np.asarray(gain)
+
+
+def _simulate_exactly(
+    scatterers: Scatterers, frequencies_hz: np.ndarray, array: AntennaArray, pattern: float | None
+) -> np.ndarray:
+    """Sum the echoes of every scatterer at every tone: complex64 [f, t, r]."""
+    legs_m = [leg.position_m for leg in array.legs]
+    points_m = np.ascontiguousarray(scatterers.position_m.T, np.float64)
+    lengths_m = [distances_m(leg_m, points_m) for leg_m in legs_m]
+    gains = [_gain(scatterers, leg_m, pattern).astype(np.complex64) for leg_m in legs_m]
+    gains[0] *= np.asarray(scatterers.weight, np.complex64)
+    samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)
+
+    def work(f: int) -> None:
+        turns_per_m, waves = frequencies_hz[f] / SPEED_OF_LIGHT_M_S, []
+        for leg, (length_m, gain) in enumerate(zip(lengths_m, gains, strict=True)):
+            parts = np.empty((2, *length_m.shape), np.float32)
+            steering(length_m, turns_per_m, parts.reshape(-1, length_m.shape[1]))
+            wave = gain * (parts[0] - np.complex64(1j) * parts[1])
+            if scatterers.sight is not None:
+                every = np.arange(len(wave))
+                re, im = scatterers.sight.factors(leg, every, np.array([turns_per_m]))[0]
+                wave *= re + np.complex64(1j) * im
+            waves.append(wave)
+        samples[f] = waves[0] @ waves[1].T
+
+    for_each(work, range(len(samples)))
+    return samples

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.simulation.physics.facets import Facets, face_vectors, facets_of
+from handbench.radar.simulation.physics.facets import face_vectors, facets_of
 from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.physics.spheres import pattern_gain, sphere_echo
 from handbench.radar.simulation.scene import METAL, Body, EchoScene, Material
@@ -26,25 +25,18 @@ class ScatteringSurface:
     """The facets of a body that scatter, and how they do.
 
     layer [p]: index of the material's layer at each facet (thin skin or palm); oblique: True for
-    the obliquity of physical optics, False to scatter evenly in all directions; sight: complex
-    factors of the antennas' fields behind diffracting edges (None: 1).
+    the obliquity of physical optics, False to scatter evenly in all directions.
     """
 
     body: Body
-    facets: Facets
+    facets: Scatterers
     layer: np.ndarray
     material: Material = METAL
     oblique: bool = False
-    sight: Sight | None = None
 
     def where(self, chosen: np.ndarray) -> "ScatteringSurface":
         """Return the surface with only the facets that a mask [p] or indices select."""
-        return replace(
-            self,
-            facets=self.facets.where(chosen),
-            layer=self.layer[chosen],
-            sight=None if self.sight is None else self.sight.where(chosen),
-        )
+        return replace(self, facets=self.facets.where(chosen), layer=self.layer[chosen])
 
     def layers(self, frequencies_hz: np.ndarray) -> Iterator[tuple[np.ndarray, Scatterers]]:
         """Yield the echo amplitude [f] of each layer of the material relative to metal, and the
@@ -55,8 +47,7 @@ class ScatteringSurface:
                 "target: no facet of its mesh faces the array; check its position, and that its "
                 "normals point outwards"
             )
-        normal = facets.normal if self.oblique else None
-        optics = Scatterers(facets.position_m, facets.area_m2, normal, sight=self.sight)
+        optics = facets if self.oblique else replace(facets, normal=None)
         for n, reflection in enumerate(echo_reflections(self.material, frequencies_hz)):
             yield reflection, optics.where(self.layer == n)
 
@@ -151,7 +142,7 @@ def bare_echoes(
     return Echoes(scene, frames, tolerance, empty, scene.array, surface, delay_m)
 
 
-def front_facets(scene: EchoScene, body: Body) -> Facets:
+def front_facets(scene: EchoScene, body: Body) -> Scatterers:
     """Return those facets of the body that face at least one corner of the box around the antennas,
     with edges of at most LONGEST wavelengths."""
     vectors = face_vectors(body.vertices_m, body.faces)

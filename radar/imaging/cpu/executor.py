@@ -11,15 +11,16 @@ from itertools import product
 import numpy as np
 
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.cpu.adjoint import PackedScatterers, scatter, to_parent
+from handbench.radar.imaging.cpu.adjoint import radiate, to_parent
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
-from handbench.radar.imaging.cpu.forward import complex_samples, gather, planes, to_child
+from handbench.radar.imaging.cpu.forward import BLOCK, complex_samples, gather, planes, to_child
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
 from handbench.radar.imaging.peaks import Peaks, strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import Node
 from handbench.support.parallel import for_each, one_blas_thread
 
+Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
 
@@ -51,28 +52,30 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     return unsorted
 
 
-def echoes(plan: TreePlan, source: PackedScatterers, where: SortedPoints) -> np.ndarray:
+def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
     """Compute the echo samples of point scatterers that the plan has sorted: complex64 [f, t, r],
-    or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed."""
+    or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed.
+
+    gains: function of (slice of the sorted points, (indices of transmitters [a], of receivers [b]),
+    f/c of tones [k]) that returns their gains at the points, float32 [k or 1, 2, a, points] and
+    [k or 1, 2, b, points], 2 for real and imaginary part.
+    """
     groups = plan.touched(where)
     parts: dict[int, np.ndarray] = {}
 
     def work(cell: int) -> None:
         node = plan.cell(cell)
-        shape = (len(node.turns_per_m), 2, *(len(leg.length_m) for leg in node.legs))
-        samples = np.zeros(shape, np.float32)
+        samples = np.zeros((), np.float32)
         for i in range(len(where.leaf))[groups[cell]]:
-            leaf = plan.leaf(int(where.leaf[i]))
-            samples += scatter(
-                source,
-                node.turns_per_m,
-                leaf.step,
-                leaf.place,
-                plan.passes,
-                plan.reference_m,
-                where.starts[i],
-                where.starts[i + 1],
-            )
+            leaf, start, stop = plan.leaf(int(where.leaf[i])), where.starts[i], where.starts[i + 1]
+            numbers = leaf.legs[0].number, leaf.legs[1].number
+            inner = np.zeros((), np.float32)
+            for at in range(start, stop, BLOCK):
+                here = slice(at, min(at + BLOCK, stop))
+                points_m = np.ascontiguousarray(where.points_m[:, here])
+                scattered = points_m, *gains(here, numbers, leaf.turns_per_m)
+                inner = inner + radiate(*scattered, leaf.place, plan.passes, plan.reference_m)
+            samples = samples + _up(inner, node, leaf)
         parts[cell] = _up(samples, plan.top_node, node)
 
     for_each(work, list(groups))

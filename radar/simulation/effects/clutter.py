@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from handbench.radar.simulation.forward import simulate
-from handbench.radar.simulation.physics.shadows import sight_of
+from handbench.radar.simulation.physics.shadows import shadowed
 from handbench.radar.simulation.scene import CENTRE_M, Body
 from handbench.radar.simulation.scene_echoes import Echoes, front_facets
 from handbench.support.rays import Rays
@@ -36,13 +34,13 @@ def room_echoes(echoes: Echoes, target: Body | None) -> np.ndarray:
     samples = np.zeros((len(scene.frequencies_hz), *array.channels), np.complex64)
     for body in scene.room:
         facets = front_facets(scene, body)
-        if target is None or surface is None or surface.sight is None:
-            optics = facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+        if target is None or surface is None or surface.facets.sight is None:
+            facets = facets.where(rays.in_sight(facets.position_m, CENTRE_M))
         else:
-            sight, reached = sight_of(scene, target, body, facets, rays, array, NODES_M)
-            optics = replace(facets.optics, sight=sight).where(reached)
+            facets, reached = shadowed(scene, target, body, facets, rays, array, NODES_M)
+            facets = facets.where(reached)
         echo = simulate(
-            optics, scene.frequencies_hz, array, tolerance=echoes.tolerance, pattern=echoes.pattern
+            facets, scene.frequencies_hz, array, tolerance=echoes.tolerance, pattern=echoes.pattern
         )
         samples += echo * np.float32(10 ** (body.reflectivity_db / 20))
     return samples

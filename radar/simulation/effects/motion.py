@@ -15,8 +15,9 @@ import numpy as np
 
 from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.movement import frame_starts, scene_at
-from handbench.radar.simulation.physics.facets import Facets, unit
+from handbench.radar.simulation.physics.facets import unit
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
@@ -65,7 +66,7 @@ def _moved_echo(moment: Echoes, now: EchoScene, tones: list[int]) -> np.ndarray:
     return samples
 
 
-def moved_facets(facets: Facets, before: Body, after: Body) -> Facets:
+def moved_facets(facets: Scatterers, before: Body, after: Body) -> Scatterers:
     """Return the facets of a body after its vertices have moved: each facet moves with its face, by
     the affine map F that takes the face's corners and unit normal to the new ones. Its normal n
     becomes that of F⁻ᵀn, and its area grows by det F."""
@@ -74,8 +75,8 @@ def moved_facets(facets: Facets, before: Body, after: Body) -> Facets:
     maps = moved @ np.linalg.inv(edges)
     offset_m = np.einsum("pij,pj->pi", maps[face], facets.position_m - from_m[face])
     normal = np.einsum("pji,pj->pi", np.linalg.inv(maps)[face], facets.normal)
-    area_m2 = facets.area_m2 * np.linalg.det(maps)[face]
-    return replace(facets, position_m=to_m[face] + offset_m, area_m2=area_m2, normal=unit(normal))
+    weight = facets.weight * np.linalg.det(maps)[face]
+    return replace(facets, position_m=to_m[face] + offset_m, weight=weight, normal=unit(normal))
 
 
 def _face_frames(body: Body, face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

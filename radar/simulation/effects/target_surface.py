@@ -14,13 +14,13 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.physics.facets import Facets
+from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.physics.line_of_sight import rays_of
-from handbench.radar.simulation.physics.shadows import sight_of
+from handbench.radar.simulation.physics.shadows import shadowed
 from handbench.radar.simulation.scene import EchoScene, generator
 from handbench.radar.simulation.scene_echoes import Echoes
 
-NODES_M = 0.02  # between the antennas of a line for which shadows are computed
+NODES_M = 0.025  # between the antennas of a line for which shadows are computed
 WAVES = 64  # of random relief
 SPREAD = 0.096  # variance of an equilateral triangle's points along an axis over its area: 1/(6√3)
 
@@ -40,8 +40,8 @@ def shadow(echoes: Echoes) -> None:
         return
     scene, body, facets = echoes.scene, echoes.surface.body, echoes.surface.facets
     rays = rays_of(scene, body)
-    sight, reached = sight_of(scene, body, body, facets, rays, echoes.array, NODES_M)
-    echoes.surface = replace(echoes.surface, sight=sight).where(reached)
+    facets, reached = shadowed(scene, body, body, facets, rays, echoes.array, NODES_M)
+    echoes.surface = replace(echoes.surface, facets=facets).where(reached)
 
 
 def roughness(echoes: Echoes) -> None:
@@ -74,12 +74,12 @@ def waves_of(
 
 
 def displace_facets(
-    facets: Facets,
+    facets: Scatterers,
     vectors: np.ndarray,
     amplitude_m: np.ndarray,
     phase_rad: np.ndarray,
     wavenumber: float,
-) -> Facets:
+) -> Scatterers:
     """Return the facets displaced along their normals by the relief, a sum of waves (vectors [n, 3]
     in rad/m, amplitude_m [n], phase_rad [n]).
 
@@ -89,12 +89,12 @@ def displace_facets(
     height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2
-        kept = np.exp(-SPREAD / 2 * tangential * facets.area_m2)  # the wave's mean over a facet
+        kept = np.exp(-SPREAD / 2 * tangential * facets.weight)  # the wave's mean over a facet
         height_m += amplitude * kept * np.cos(facets.position_m @ vector + phase)
         finer_m2 += amplitude**2 / 2 * (1 - kept**2)
     position_m = facets.position_m + height_m[:, None] * facets.normal
     left = np.exp(-2 * wavenumber**2 * finer_m2)
-    return replace(facets, position_m=position_m, area_m2=facets.area_m2 * left)
+    return replace(facets, position_m=position_m, weight=facets.weight * left)
 
 
 def _wavenumber(scene: EchoScene) -> float:

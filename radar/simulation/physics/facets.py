@@ -3,9 +3,6 @@ meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from handbench.radar.simulation.forward import Scatterers
@@ -17,38 +14,10 @@ SIDES = 6  # of a plate or box, at most
 ALIKE, FLAT_M = 1e-3, 1e-5  # of the faces of one side: difference of unit normals, and of planes
 
 
-@dataclass(frozen=True)
-class Facets:
-    """The surface of a body as p small flat pieces.
-
-    position_m [p, 3]: centres; area_m2 [p]; normal [p, 3]: outward unit vectors, interpolated
-    between the mesh's vertices; face [p]: index of the mesh's face that each facet is a part of;
-    share [p, 3]: barycentric coordinates of the centre between this face's corners.
-    """
-
-    position_m: np.ndarray
-    area_m2: np.ndarray
-    normal: np.ndarray
-    face: np.ndarray
-    share: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.area_m2)
-
-    @property
-    def optics(self) -> Scatterers:
-        """The facets as scatterers of physical optics."""
-        return Scatterers(self.position_m, self.area_m2, self.normal)
-
-    def where(self, chosen: np.ndarray) -> Facets:
-        """Return the facets that a mask [p] or indices `chosen` select."""
-        return Facets(*(values[chosen] for values in vars(self).values()))
-
-
-def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Facets:
+def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = None) -> Scatterers:
     """Divide faces of a body (those with the indices `faces`, or all) into facets: each face is
-    split into four, repeatedly, until no edge is longer than longest_m. Raises HandbenchError for
-    more than MOST_FACETS facets."""
+    split into four, repeatedly, until no edge is longer than longest_m. Normals are interpolated
+    between the mesh's vertices. Raises HandbenchError for more than MOST_FACETS facets."""
     chosen = np.arange(len(body.faces)) if faces is None else faces
     corners = body.vertices_m[body.faces[chosen]]
     edges_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0)
@@ -62,12 +31,9 @@ def facets_of(body: Body, longest_m: float = np.inf, faces: np.ndarray | None = 
     normals = vertex_normals(body)[body.faces[chosen]]
     area_m2 = np.linalg.norm(face_vectors(body.vertices_m, body.faces[chosen]), axis=1)
     every = np.unique(splits) if len(splits) else [0]
-    return join_facets([_split(corners, normals, area_m2, chosen, splits == n, n) for n in every])
-
-
-def join_facets(parts: Sequence[Facets]) -> Facets:
-    """Return all facets of the parts in one object, one part after another."""
-    return Facets(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
+    parts = [_split(corners, normals, area_m2, chosen, splits == n, n) for n in every]
+    position_m, weight, normal, face, share = map(np.concatenate, zip(*parts, strict=True))
+    return Scatterers(position_m, weight, normal, None, face, share)
 
 
 def face_vectors(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -111,13 +77,13 @@ def _split(
     face: np.ndarray,
     chosen: np.ndarray,
     splits: int,
-) -> Facets:
+) -> tuple[np.ndarray, ...]:
     centres = _centres(splits)
     position = np.einsum("kc,mci->mki", centres, corners[chosen]).reshape(-1, 3)
     normal = unit(np.einsum("kc,mci->mki", centres, normals[chosen]).reshape(-1, 3))
     area = np.repeat(area_m2[chosen] / len(centres), len(centres))
     share = np.tile(centres, (len(corners[chosen]), 1))
-    return Facets(position, area, normal, np.repeat(face[chosen], len(centres)), share)
+    return position, area, normal, np.repeat(face[chosen], len(centres)), share
 
 
 def _centres(splits: int) -> np.ndarray:

@@ -22,15 +22,16 @@ the facets of coarse faces), for few antennas of each line and for three tones, 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.adjoint import Sight
 from handbench.radar.imaging.cpu.steering import cis_small
-from handbench.radar.simulation.physics.facets import Facets, face_vectors, unit
+from handbench.radar.simulation.forward import Scatterers, Sight
+from handbench.radar.simulation.physics.facets import face_vectors, unit
 from handbench.radar.simulation.physics.line_of_sight import evenly_spaced, lines
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.compiled import FAST, INNER, njit
@@ -87,18 +88,18 @@ class Cubes(NamedTuple):
     radius_m: np.ndarray
 
 
-def sight_of(
+def shadowed(
     scene: EchoScene,
     hiding: Body,
     body: Body,
-    facets: Facets,
+    facets: Scatterers,
     rays: Rays,
     array: AntennaArray,
     apart_m: float,
-) -> tuple[Sight, np.ndarray]:
-    """Compute by which complex factor D the outlines of a body change the field of each antenna at
-    the facets of a surface: (`Sight`, boolean mask [p] of the facets that at least one transmitter
-    and one receiver reach).
+) -> tuple[Scatterers, np.ndarray]:
+    """Return the facets of a body with the complex factors D by which the outlines of a body change
+    the field of each antenna there, and a boolean mask [p] of the facets that at least one
+    transmitter and one receiver reach.
 
     hiding: the body whose outlines diffract; body: the one that has the facets; rays: ray caster of
     all obstacles; apart_m: largest distance between the antennas of a line for which D is computed.
@@ -129,12 +130,13 @@ def sight_of(
         spreads.append(spread)
     reached = np.logical_and(*(_exceeds(table, FULL) for table in tables))
     partial = np.logical_or(*(_exceeds(table - IN_SIGHT, FULL) for table in tables))
-    reached = reached[corner].any(axis=0)
-    corner[:, ~partial[corner].any(axis=0)] = -1
+    reached = reached[corner].any(axis=1)
+    corner[~partial[corner].any(axis=1)] = -1
     detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns_per_m.max() * apart_m)  # waves from there turn by π/2 per node
-    legs = (tables[0], spreads[0], tables[1], spreads[1])
-    return Sight(corner, share, *legs, middle, half, detour_m, beside), reached
+    tables_of_legs, spreads_of_legs = (tables[0], tables[1]), (spreads[0], spreads[1])
+    sight = Sight(corner, share, tables_of_legs, spreads_of_legs, middle, half, detour_m, beside)
+    return replace(facets, sight=sight), reached
 
 
 def edges_of(body: Body) -> Edges:
@@ -326,12 +328,12 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
     return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
 
 
-def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _samples(body: Body, facets: Scatterers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Choose the points at which D is computed: the vertices of the faces that have facets, and the
     facets of faces with edges longer than COARSE_M.
 
     Returns the points [s, 3] and, for each facet, the indices of three points around it, int32
-    [3, p], and its barycentric coordinates between them, float32 [3, p].
+    [p, 3], and its barycentric coordinates between them, float32 [p, 3].
     """
     corner = body.faces[facets.face]
     corners_m = body.vertices_m[corner]
@@ -341,9 +343,5 @@ def _samples(body: Body, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.nda
     places_m = np.concatenate([body.vertices_m, facets.position_m])
     used = np.zeros(len(places_m), bool)
     used[corner] = True
-    corner = (np.cumsum(used) - 1)[corner]
-    return (
-        places_m[used],
-        np.ascontiguousarray(corner.T, np.int32),
-        np.ascontiguousarray(facets.share.T, np.float32),
-    )
+    corner = (np.cumsum(used) - 1).astype(np.int32)[corner]
+    return places_m[used], corner, np.asarray(facets.share, np.float32)

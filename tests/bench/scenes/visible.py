@@ -15,4 +15,4 @@ def visible_surface(scene: Scene) -> Scatterers:
     radar_scene = echo_scene(scene)
     facets = front_facets(radar_scene, radar_scene.body)
     rays = rays_of(radar_scene, radar_scene.body)
-    return facets.where(rays.in_sight(facets.position_m, CENTRE_M)).optics
+    return facets.where(rays.in_sight(facets.position_m, CENTRE_M))

@@ -14,7 +14,7 @@ from scipy.stats import ortho_group
 
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.simulation.forward import Scatterers, simulate
+from handbench.radar.simulation.forward import Scatterers, Sight, simulate
 from tests.radar.samples import relative_error
 
 pytestmark = pytest.mark.usefixtures("planned")
@@ -46,11 +46,22 @@ class Scene(NamedTuple):
             gain = np.maximum(-towards_m[:, :, 2] / way_m, 0) ** self.pattern / way_m
             if self.facets.normal is not None:
                 gain *= np.sqrt(np.maximum((towards_m * self.facets.normal).sum(axis=2) / way_m, 0))
-            if self.facets.seen is not None:
-                gain *= self.facets.seen[i]
+            if self.facets.sight is not None:
+                gain *= self.facets.sight.tables[i][:, 0].real.T
             turns = self.tones_hz[:, None, None] / 299_792_458.0 * way_m
             legs.append(gain * np.exp(-2j * np.pi * turns))
         return np.einsum("ftp,frp,p->ftr", *legs, self.facets.weight, optimize=True)
+
+
+def hidden(*seen: np.ndarray) -> Sight:
+    """Each antenna of either leg sees some points [a, p] and others not."""
+    number = np.arange(seen[0].shape[1])
+    tables = tuple(
+        np.ascontiguousarray(mask.T[:, None] * np.array([[1], [0], [0]], np.complex64))
+        for mask in seen
+    )
+    corner, share = np.stack([number] * 3, axis=1), np.tile([1.0, 0, 0], (len(number), 1))
+    return Sight(corner, share, tables, tuple(np.eye(len(mask)) for mask in seen))
 
 
 def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
@@ -61,7 +72,7 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
     tones_hz, normal = generator.uniform(70e9, 85e9, 6), generator.normal([0, 0, -1], 0.3, (60, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     weight, scale, middle_m, pattern = generator.uniform(0.5, 1, 60), 1.0, 0.25, 0.0
-    seen = None
+    sight = None
     if "together" in kind:
         scale, middle_m = generator.uniform(1e-3, 0.04), generator.uniform(0.2, 0.3)
     elif kind == "near":  # from 5 to 10 cm before the array's foremost antenna
@@ -69,7 +80,7 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
     elif kind == "pattern":
         pattern = generator.uniform(0.5, 4)
     elif kind == "partly seen":
-        seen = tuple(generator.random((n, 60)) < 0.8 for n in (9, 8))
+        sight = hidden(*(generator.random((n, 60)) < 0.8 for n in (9, 8)))
     elif kind == "oblique":  # all turned by the same angle, far from the array
         tilt = generator.uniform(0.8, 1.5)
         normal = np.tile([np.sin(tilt), 0, -np.cos(tilt)], (60, 1))
@@ -85,7 +96,7 @@ def scene_of(seed: int, kind: str, turned: bool = True) -> Scene:
     points_m = (points_m - [0, 0, 0.25]) * scale + [0, 0, middle_m]
     antennas_m, points_m = (places_m @ turn.T + shift_m for places_m in (antennas_m, points_m))
     normal = None if "points" in kind else normal @ turn.T
-    facets = Scatterers(points_m, weight, normal, seen)
+    facets = Scatterers(points_m, weight, normal, sight)
     return Scene(facets, tones_hz, AntennaArray(antennas_m[:9], antennas_m[9:]), pattern)
 
 

@@ -1,5 +1,7 @@
 """The simulation against closed forms: each function returns both."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
@@ -24,7 +26,7 @@ def mie_backscatter(ka: np.ndarray) -> np.ndarray:
 def optics_of(body: Body, oblique: bool = True) -> Scatterers:
     """The body's facets for physical optics."""
     facets = facets_of(body, np.inf)
-    return Scatterers(facets.position_m, facets.area_m2, facets.normal if oblique else None)
+    return facets if oblique else replace(facets, normal=None)
 
 
 def cross_section_m2(samples, frequencies_hz, range_m=FAR_M):
