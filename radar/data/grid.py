@@ -100,22 +100,6 @@ class PixelGrid:
         whole.ravel()[index] = values
         return whole
 
-    def part(self, box: tuple[slice, slice]) -> "PixelGrid":
-        """Return the grid of some rows and columns: box = (slice along y, slice along x)."""
-        return PixelGrid(self.x_m[box[1]], self.y_m[box[0]])
-
-    def placed(
-        self, part: "PixelGrid", values: np.ndarray, elsewhere: float = np.nan
-    ) -> np.ndarray:
-        """Return a map [ny, nx] of the whole grid from values [ny', nx'] on a rectangular part of
-        it (`part`). Outside that part, the map has the value `elsewhere`."""
-        if part is self:
-            return values
-        whole = np.full(self.shape, elsewhere)
-        y, x = np.searchsorted(self.y_m, part.y_m[0]), np.searchsorted(self.x_m, part.x_m[0])
-        whole[y : y + len(part.y_m), x : x + len(part.x_m)] = values
-        return whole
-
     def points_m(self, z_m: np.ndarray | float) -> np.ndarray:
         """Return the points [ny, nx, 3] of all pixels, metres, at one common depth z_m or at depths
         [ny, nx]."""

@@ -70,7 +70,7 @@ def test_echoes_beyond_memory_are_refused_before_it_is_taken(tmp_path, monkeypat
     monkeypatch.setattr(psutil, "virtual_memory", lambda: free)
     tracemalloc.start()
     try:
-        with pytest.raises(HandbenchError, match=r"needs 0\.0032 GB of memory"):
+        with pytest.raises(HandbenchError, match=r"needs 0\.0048 GB of memory"):
             load_capture(tmp_path / "echoes.h5")
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
