@@ -26,11 +26,11 @@ HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 
 def find_centres(
     points_m: np.ndarray,
-    normals: np.ndarray | None,
+    normals: np.ndarray,
     capture: RadarCapture,
     target: Target,
     pixel_m: float = 0.0,
-) -> tuple[dict[int, Candidate], dict[int, Candidate]]:
+) -> tuple[Mapping[int, Candidate], Mapping[int, Candidate]]:
     """Measure the target's elements with both sensors: (foam spheres in the photo frame, balls in
     the radar frame), each by element index.
 
@@ -40,7 +40,7 @@ def find_centres(
     """
     optical = match(find_spheres(points_m, normals, target, pixel_m), target, "photographs")
     balls = find_balls(capture, target)
-    return {**optical}, {**fit_balls(capture, target, match(balls, target, "echoes"), balls)}
+    return optical, fit_balls(capture, target, match(balls, target, "echoes"), balls)
 
 
 def common_covariance(target: Target, pixel_m: float = 0.0) -> np.ndarray:

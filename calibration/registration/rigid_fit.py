@@ -71,9 +71,9 @@ class Pairs:
                     f"{name}: the centre or its covariance is not finite, or the covariance is "
                     "not positive; expected metres and a positive 3×3 matrix in square metres"
                 )
-        centres_m = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
-        cov_m2 = (np.array([c.covariance_m2 for c in side]) for side in (source, target))
-        return cls(*centres_m, *cov_m2, np.array(names))
+        p, q = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
+        p_cov, q_cov = (np.array([c.covariance_m2 for c in side]) for side in (source, target))
+        return cls(p, q, p_cov, q_cov, np.array(names))
 
     def __len__(self) -> int:
         return len(self.names)

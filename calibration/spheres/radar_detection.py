@@ -120,7 +120,7 @@ def _separate_echoes(
     Each new echo starts from the maximum of the image that is brightest in the samples that the
     others leave over.
     """
-    samples, f_hz, array = capture.samples[0], capture.frequencies_hz, capture.aperture
+    samples, f_hz, array = capture.samples[0], capture.frequencies_hz, mimo_array(capture)
     image = np.abs(image_volume(samples, f_hz, array, VOLUME, tolerance=1e-2))
     maxima = (image == maximum_filter(image, 3)) & (image > threshold * image.max())
     seeds_m = VOLUME.points_m()[maxima]
