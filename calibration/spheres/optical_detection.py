@@ -2,7 +2,7 @@
 
 Each point votes for the centre one radius behind it along its normal (a Hough transform with known
 radius); at maxima of the votes, robust least squares of |p − c| − R refine the sphere. A sphere is
-visible from one side only and may be partly hidden, so that a cap of 12 % of its surface is enough.
+visible from one side only and may be partly hidden, so that a cap of 8 % of its surface is enough.
 On such a cap, depth and radius are strongly correlated; the radius is therefore constrained by its
 manufacturing tolerance.
 """

@@ -242,7 +242,7 @@ def test_exact_sphere() -> Seen:
 
 @refusal("a target of which 5 % is seen", "in view")
 def test_too_little() -> Works:
-    """Below a coverage of 12 %, rim included, a cap is no sphere."""
+    """Below a coverage of 8 %, a cap is no sphere."""
     target, rng = default_target(), np.random.default_rng(2)
     for part in (0.05, 0.03):
         normals = np.array([_cap(rng, part) for _ in target.element])  # [element, n, 3]
