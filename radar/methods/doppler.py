@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.pixels import masked_mean
+from handbench.radar.methods.pixels import masked_mean, path_gradient_z
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ def with_velocity(depth: DepthMap, step: FskStep) -> DepthMap:
     )
     points_m = step.grid.points_at_m(step.index, step.formed_m)
     cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
-    factor = step.grid.on_map(step.index, 2 * cosine / step.path_gradient_z)
+    along = path_gradient_z(points_m, step.echoes.aperture)
+    factor = step.grid.on_map(step.index, 2 * cosine / along)
     velocity_m_s = -np.angle(real + 1j * imaginary) / np.pi * repeated.limit_m_s * factor
     return replace(depth, velocity_m_s=velocity_m_s, velocity_limit_m_s=repeated.limit_m_s)

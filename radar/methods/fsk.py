@@ -119,16 +119,13 @@ class FskStep:
         return self.echoes.frequencies_hz[: len(self.images)]
 
     @cached_property
-    def path_gradient_z(self) -> np.ndarray:
-        """Growth ∂(|p − t| + |p − r|)/∂z [n] of the path, mean over the channels: 2 on the axis far
-        away, 1.5 at the corner of the paper's image."""
-        points_m = self.grid.points_at_m(self.index, self.formed_m)
-        return path_gradient_z(points_m, self.echoes.aperture)
-
-    @property
     def factor(self) -> np.ndarray | float:
-        """Factor of the depth steps: 2 over `path_gradient_z` [n], or 1 as in the paper."""
-        return 2 / self.path_gradient_z if self.echoes.config.off_axis else 1.0
+        """Factor of the depth steps: 2 over the growth ∂(|p − t| + |p − r|)/∂z [n] of the path (1.5
+        at the corner of the paper's image), or 1 as in the paper."""
+        if not self.echoes.config.off_axis:
+            return 1.0
+        points_m = self.grid.points_at_m(self.index, self.formed_m)
+        return 2 / path_gradient_z(points_m, self.echoes.aperture)
 
     def steps_m(self, step_m: Callable[..., np.ndarray] = depth_step_m) -> np.ndarray:
         """Return step_m(image, last image, difference in hertz) of the first and the last tone, and

@@ -130,7 +130,7 @@ def write_synthetic(
     table = main_table(frame(SCORES, lines), PAPER, 0, with_paper=paper)
     for name, found in (meshes or {}).items():
         lines += [(captures[0], name, "truth", "", 0, *each) for each in found.items()]
-    cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05, 1e-6)
+    cost = (2.0, 2.0, 300.0, False, None, "", None, 0.05)
     tasks = [(f"{c}-{m}", c, m, "image", *cost) for c in captures for m in methods]
     tables = {"tasks": frame(TASKS, tasks), "scores": frame(SCORES, lines)}
     write_tables(folder, table=table, **tables)
