@@ -103,8 +103,8 @@ class Scatterers:
 
     def where(self, chosen: np.ndarray | slice) -> Scatterers:
         """Return the scatterers that a mask [p], indices [n] or a slice select."""
-        values = vars(self).values()
-        return Scatterers(*(None if value is None else value[chosen] for value in values))
+        given = {name: value[chosen] for name, value in vars(self).items() if value is not None}
+        return replace(self, **given)
 
 
 def simulate(
