@@ -121,22 +121,18 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
 
     x, y = (axis.ravel() for axis in np.meshgrid(TANGENTS, TANGENTS))
     towards = np.stack([x, y, np.ones_like(x)], axis=1) / np.sqrt(1 + x**2 + y**2)[:, None]
-    centre_m = (tx_m + rx_m).mean(axis=0) / 2
-    sharpest = []
-    for distance_m in DISTANCES_M:
-        points_m = centre_m + distance_m * towards
-        image = image_points(samples[tones], tones_hz[tones], pairs, points_m, None, True)
-        power = (np.abs(image) ** 2).sum(axis=0)
-        sharpest.append((power.max(), points_m[power.argmax()]))
-    sharpness = np.array([power for power, _ in sharpest])
+    points_m = (tx_m + rx_m).mean(axis=0) / 2 + DISTANCES_M[:, None, None] * towards
+    image = image_points(samples[tones], tones_hz[tones], pairs, points_m, None, True)
+    power = (np.abs(image) ** 2).sum(axis=0)
+    sharpness = power.max(axis=1)
     best = int(sharpness.argmax())
-    point_m = sharpest[best][1]
+    point_m = points_m[best, power[best].argmax()]
     image = image_points(samples, tones_hz, pairs, point_m[None], None, True)[:, 0]
     offsets_m = range_period_m(tones_hz) * np.linspace(-0.5, 0.5, 1024)
     offset_m = offsets_m[np.abs(np.exp(2 * np.outer(offsets_m, waves)) @ image).argmax()]
     start = offset_m, *point_m
     if stretched:
-        farther = 1 + offset_m / DISTANCES_M[best]
+        farther = max(1 + offset_m / DISTANCES_M[best], 0.01)
         start = np.sqrt(farther), *farther * point_m
     fit = least_squares(unexplained, start, x_scale="jac")
     explained = 1 - 2 * fit.cost / np.linalg.norm(samples) ** 2
@@ -147,4 +143,5 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
             f"or twice its distance {100 * elsewhere / sharpness[best]:.0f} % of that; record one "
             "small metal ball before a wide aperture, and subtract the background"
         )
-    return Corrections(**{"scan_step" if stretched else "range_offset_m": fit.x[0]})
+    name = "scan_step" if stretched else "range_offset_m"
+    return parse(Corrections, {name: float(fit.x[0])}, "echoes")

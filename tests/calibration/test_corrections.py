@@ -82,7 +82,7 @@ def test_the_command_writes_corrections_that_readers_apply(tmp_path, capsys, mon
     assert main(command) == 2
     assert "--overwrite" in capsys.readouterr().err
     image = ["reconstruct", str(folder), "--method", "2fsk", "-o", str(tmp_path / "depth.npz")]
-    tones = "--set f1_hz=82e9 --set f2_hz=72e9 --set x.step_m=0.01 --set y.step_m=0.01"
+    tones = "--set tones_hz=[82e9,72e9] --set x.step_m=0.01 --set y.step_m=0.01"
     assert main([*image, *tones.split()]) == 0
     assert "corrections.json: applied: range_offset_m=0.02" in capsys.readouterr().err
     assert main([*command, "-o", "x.json"]) == 2
