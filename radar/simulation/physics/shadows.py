@@ -197,36 +197,39 @@ def edge_waves(
     [k], in the original order of the points. Amplitudes are those at the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cubes.order)), np.float32)
     middle = float(wavenumbers.min() + wavenumbers.max()) / 2
-    if len(outline.start_m) > 0:
-        _waves(antenna_m, cubes, outline, wavenumbers / (2 * np.pi), middle, waves)
+    ways_m = (cubes.position_m - antenna_m[:, None]).astype(np.float32)
+    ends_m = outline.start_m, outline.end_m
+    edges = (ends_m[0] + ends_m[1]) / 2, (ends_m[1] - ends_m[0]) / 2, outline.within_m
+    edges_m = np.column_stack(edges).astype(np.float32)
+    centres_m = cubes.centre_m - antenna_m
+    _waves(ways_m, cubes.starts, centres_m, cubes.radius_m, edges_m, wavenumbers, middle, waves)
     field = np.empty(waves.shape[1:], np.complex64)
     field[:, cubes.order] = waves[0] + np.complex64(1j) * waves[1]
     return field
 
 
 @njit(**FAST)
-def _waves(antenna_m, cubes, outline, turns_per_m, wavenumber, waves):  # type: ignore[no-untyped-def]
+def _waves(  # type: ignore[no-untyped-def]
+    ways_m, starts, centres_m, radius_m, edges_m, wavenumbers, wavenumber, waves
+):
     """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
-    by cube, with only those edges that matter for some point of the cube."""
-    middle_m, half_m = (
-        (outline.start_m + outline.end_m) / 2,
-        (outline.end_m - outline.start_m) / 2,
-    )
-    latest_m = FARTHEST / wavenumber
-    ways_m = np.empty(cubes.position_m.shape, np.float32)
-    for i in range(3):
-        ways_m[i] = cubes.position_m[i] - antenna_m[i]
-    amplitude, detour_m = np.empty((2, (cubes.starts[1:] - cubes.starts[:-1]).max()), np.float32)
-    for cube in range(len(cubes.radius_m)):
-        here = slice(cubes.starts[cube], cubes.starts[cube + 1])
-        near = _near(middle_m, cubes.centre_m[cube] - antenna_m, cubes.radius_m[cube], latest_m)
-        for e in np.flatnonzero(near):
-            edge = middle_m[e].astype(np.float32), half_m[e].astype(np.float32)
-            within_m = np.float32(outline.within_m[e])
+    by cube, with only those edges that matter for some point of the cube. edges_m [e, 7]: middle,
+    half of the vector from start to end, and the limit of the points' distance."""
+    most = 0
+    for cube in range(len(radius_m)):
+        most = max(most, starts[cube + 1] - starts[cube])
+    amplitude, detour_m = np.empty(most, np.float32), np.empty(most, np.float32)
+    for cube in range(len(radius_m)):
+        here = slice(starts[cube], starts[cube + 1])
+        for e in range(len(edges_m)):
+            if not _near(edges_m[e], centres_m[cube], radius_m[cube], FARTHEST / wavenumber):
+                continue
+            edge = edges_m[e, :3], edges_m[e, 3:6], edges_m[e, 6]
             x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
-            _edge(x, y, z, *edge, within_m, wavenumber, amplitude, detour_m)
-            for k in range(len(turns_per_m)):
-                turns, re, im = np.float32(turns_per_m[k]), waves[0, k, here], waves[1, k, here]
+            _edge(x, y, z, *edge, wavenumber, amplitude, detour_m)
+            for k in range(len(wavenumbers)):
+                turns = np.float32(wavenumbers[k] / (2 * np.pi))
+                re, im = waves[0, k, here], waves[1, k, here]
                 for p in range(len(re)):
                     cosine, sine = cis_small(turns * detour_m[p])
                     re[p] += amplitude[p] * cosine
@@ -234,25 +237,20 @@ def _waves(antenna_m, cubes, outline, turns_per_m, wavenumber, waves):  # type: 
 
 
 @njit(**INNER)
-def _near(middle_m, centre_m, radius_m, latest_m):  # type: ignore[no-untyped-def]
-    """Return a mask [n] of the edges that matter for some point of a cube (centre, radius): they
-    bend the ray to it by a tangent of at most WIDEST, and lengthen it by at most latest_m."""
-    length_m = np.sqrt((centre_m * centre_m).sum())
-    x, y, z = centre_m / length_m
-    near = np.empty(len(middle_m), np.bool_)
-    for e in range(len(near)):
-        mx, my, mz = middle_m[e, 0], middle_m[e, 1], middle_m[e, 2]
-        before_m = mx * x + my * y + mz * z
-        behind_m = length_m + radius_m - before_m
-        square_m2 = max(mx * mx + my * my + mz * mz - before_m * before_m, 0.0)
-        off_m = max(np.sqrt(square_m2) - radius_m, 0.0)
-        near[e] = (
-            (before_m > 0)
-            & (behind_m > 0)
-            & (off_m <= WIDEST * behind_m)
-            & (off_m * off_m <= latest_m * (latest_m + 2 * behind_m))
-        )
-    return near
+def _near(edge_m, centre_m, radius_m, latest_m):  # type: ignore[no-untyped-def]
+    """Return whether an edge matters for some point of a cube (centre, radius): whether it bends
+    the ray to it by a tangent of at most WIDEST, and lengthens it by at most latest_m."""
+    square_m2, before_m, length_m2 = 0.0, 0.0, 0.0
+    for i in range(3):
+        square_m2 += edge_m[i] * edge_m[i]
+        before_m += edge_m[i] * centre_m[i]
+        length_m2 += centre_m[i] * centre_m[i]
+    length_m = np.sqrt(length_m2)
+    before_m /= length_m
+    behind_m = length_m + radius_m - before_m
+    off_m = max(np.sqrt(max(square_m2 - before_m * before_m, 0.0)) - radius_m, 0.0)
+    wide = (before_m <= 0) | (behind_m <= 0) | (off_m > WIDEST * behind_m)
+    return not wide and off_m * off_m <= latest_m * (latest_m + 2 * behind_m)
 
 
 @njit(**INNER)
