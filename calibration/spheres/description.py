@@ -13,7 +13,6 @@ from typing import TypeVar
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.distance import cdist
 
 from handbench.calibration.transforms import umeyama
 from handbench.support.config import Config, Near, load
@@ -135,6 +134,8 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
     The distances between candidates must equal those between their elements within TOLERANCE_M, and
     a rotation must map all these elements to their candidates.
     """
+    from scipy.spatial.distance import cdist  # here, since to read a target takes no scipy
+
     centres_m = np.array([candidate.centre_m for candidate in candidates]).reshape(-1, 3)
     wanted_m, measured_m = cdist(target.centres_m, target.centres_m), cdist(centres_m, centres_m)
     count = len(target.element)
