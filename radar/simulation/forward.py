@@ -148,8 +148,9 @@ def simulate(
         kind[sight.partial] = 2  # 2: diffraction
         families += [family._replace(detour_m=2 * sight.detour_m, whole=True)]
         if sight_tolerance > tolerance:
-            loose = {"tolerance": sight_tolerance, "whole": False, "beside": sight.beside}
-            families[2] = families[2]._replace(**loose)
+            families[2] = families[2]._replace(
+                tolerance=sight_tolerance, whole=False, beside=sight.beside
+            )
     for number, family in enumerate(families):
         of_kind = np.flatnonzero(kind == number)
         for near in clusters(position[of_kind], frequencies_hz) if len(of_kind) else []:

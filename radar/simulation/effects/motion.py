@@ -70,6 +70,7 @@ def moved_facets(facets: Scatterers, before: Body, after: Body) -> Scatterers:
     """Return the facets of a body after its vertices have moved: each facet moves with its face, by
     the affine map F that takes the face's corners and unit normal to the new ones. Its normal n
     becomes that of F⁻ᵀn, and its area grows by det F."""
+    assert facets.face is not None and facets.normal is not None
     used, face = np.unique(facets.face, return_inverse=True)
     (from_m, edges), (to_m, moved) = (_face_frames(body, used) for body in (before, after))
     maps = moved @ np.linalg.inv(edges)

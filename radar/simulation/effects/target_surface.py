@@ -86,7 +86,9 @@ def displace_facets(
     The part of the relief that is finer than a facet, of variance σ², reduces the facet's area by
     the factor exp(−2k²σ²), its loss of coherent echo; wavenumber: k in rad/m.
     """
-    height_m, finer_m2 = np.zeros(len(facets)), np.zeros(len(facets))
+    assert facets.normal is not None
+    height_m = np.zeros(len(facets))
+    finer_m2 = np.zeros(len(facets))
     for vector, amplitude, phase in zip(vectors, amplitude_m, phase_rad, strict=True):
         tangential = vector @ vector - (facets.normal @ vector) ** 2
         kept = np.exp(-SPREAD / 2 * tangential * facets.weight)  # the wave's mean over a facet
