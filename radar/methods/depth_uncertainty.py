@@ -139,12 +139,13 @@ def quadrature_m(step: FskStep) -> np.ndarray:
     """Compute the quadrature steps of an imaging step, averaged over tones and scaled like its
     depth correction: [ny, nx], metres."""
     error_m = step.steps_m(quadrature_step_m).mean(axis=0) * step.factor
-    return step.grid.on_map(step.index, error_m)
+    return step.echoes.grid.on_map(step.index, error_m)
 
 
 def half_period_m(step: FskStep) -> float:
     """Return the unambiguous range ±c / 4Δf, metres on the axis, of the last tone's depths."""
-    return SPEED_OF_LIGHT_M_S / (4 * reach_hz(step.frequencies_hz.tolist()))
+    tones_hz = step.echoes.frequencies_hz[: len(step.images)]
+    return SPEED_OF_LIGHT_M_S / (4 * reach_hz(tones_hz.tolist()))
 
 
 def doubtful_on_plane(step: FskStep) -> np.ndarray:
@@ -161,13 +162,13 @@ def doubtful_on_plane(step: FskStep) -> np.ndarray:
         noise[:] = True
     z_m, peak = step.formed_m[0], step.amplitude.max()
     elsewhere = any(
-        step.echoes.image(np.full(step.grid.shape, there_m), 2).amplitude.max()
+        step.echoes.image(np.full(step.echoes.grid.shape, there_m), 2).amplitude.max()
         > SHARPER * peak * max(1, there_m / z_m)
         for there_m in (z_m - 2 * half_period_m(step), z_m + 2 * half_period_m(step))
         if there_m > 0
     )
     behind_the_array = step.formed_m + step.correction_m <= 0
-    return step.grid.on_map(step.index, noise | behind_the_array | elsewhere, 0) > 0
+    return step.echoes.grid.on_map(step.index, noise | behind_the_array | elsewhere, 0) > 0
 
 
 def may_wrap(step: FskStep, sigma_m: np.ndarray) -> np.ndarray:
@@ -178,7 +179,7 @@ def may_wrap(step: FskStep, sigma_m: np.ndarray) -> np.ndarray:
     the same images give without the last tone; or it has wrapped against one of the first two
     tones only.
     """
-    amplitude = step.grid.on_map(step.index, np.abs(step.images[:-1]).mean(axis=0), 0.0)
+    amplitude = step.echoes.grid.on_map(step.index, np.abs(step.images[:-1]).mean(axis=0), 0.0)
     coarse = replace(step, images=step.images[:-1], amplitude=amplitude)
     coarse_sigma_m = spread_m(quadrature_m(coarse), amplitude)
     flags = np.ptp(step.steps_m(), axis=0) > half_period_m(step)
@@ -189,7 +190,7 @@ def may_wrap(step: FskStep, sigma_m: np.ndarray) -> np.ndarray:
         ambiguity_m = half_period_m(step) * step.factor
         probability = wrap_probability(step_m, before_m.ravel()[step.index], ambiguity_m)
         flags |= probability > WRAP_PROBABILITY
-    return step.grid.on_map(step.index, flags, 0) > 0
+    return step.echoes.grid.on_map(step.index, flags, 0) > 0
 
 
 def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
@@ -204,6 +205,7 @@ def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
     assert depth.velocity_limit_m_s is not None
     # as of a depth step, with fT = c / 4v in place of Δf
     fT = SPEED_OF_LIGHT_M_S / (4 * depth.velocity_limit_m_s)
-    noise_m_s = step.grid.on_map(step.index, quadrature_step_m(step.again[1], step.again[0], fT))
+    noise_m_s = quadrature_step_m(step.again[1], step.again[0], fT)
+    noise_m_s = step.echoes.grid.on_map(step.index, noise_m_s)
     noise_m_s = spread_m(step.filtered(noise_m_s), step.amplitude)
     return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * np.asarray(depth.velocity_m_s))

@@ -86,26 +86,23 @@ def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:
     )
 
 
-def with_velocity(depth: DepthMap, step: FskStep) -> DepthMap:
+def with_velocity(depth: DepthMap, step: FskStep, repeated: Repetition) -> DepthMap:
     """Return the depth map with the radial velocities v = −cφ/(4πfT), m/s, positive away from the
-    array, NaN off target; unchanged if no tone is repeated.
+    array, NaN off target.
 
     φ is the angle of the mean of O(T) conj(O(0)) over the filter of the result. The path grows by
     less than 2 per metre along the line from the array's middle, which is corrected (by 3 % for the
     paper's array at 0.31 m).
     """
-    repeated, filter_px = step.echoes.repetition, step.echoes.config.filter_px
-    if repeated is None:
-        return depth
+    grid, filter_px = step.echoes.grid, step.echoes.config.filter_px
     turned = step.again[1].astype(np.complex128) * np.conj(step.again[0])
     # of the numbers, not of the angles, which jump where they wrap
     real, imaginary = (
-        masked_mean(step.grid.on_map(step.index, part), filter_px)
-        for part in (turned.real, turned.imag)
+        masked_mean(grid.on_map(step.index, part), filter_px) for part in (turned.real, turned.imag)
     )
-    points_m = step.grid.points_at_m(step.index, step.formed_m)
+    points_m = grid.points_at_m(step.index, step.formed_m)
     cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
     along = path_gradient_z(points_m, step.echoes.aperture)
-    factor = step.grid.on_map(step.index, 2 * cosine / along)
+    factor = grid.on_map(step.index, 2 * cosine / along)
     velocity_m_s = -np.angle(real + 1j * imaginary) / np.pi * repeated.limit_m_s * factor
     return replace(depth, velocity_m_s=velocity_m_s, velocity_limit_m_s=repeated.limit_m_s)

@@ -14,8 +14,8 @@ found the depth to within its ambiguity.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from operator import attrgetter
 from typing import Literal, NamedTuple
 
@@ -104,19 +104,8 @@ class FskStep:
 
     def where(self, chosen: np.ndarray) -> FskStep:
         """Return the step with only the pixels chosen [k], positions among the n."""
-        parts = (self.index, self.formed_m, self.images, self.again)
-        index, formed_m, images, again = (part[..., chosen] for part in parts)
-        return FskStep(self.echoes, index, formed_m, images, again, self.amplitude)
-
-    @property
-    def grid(self) -> PixelGrid:
-        """The pixels of the depth map."""
-        return self.echoes.config.pixels
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """The tones [f] of the images."""
-        return self.echoes.frequencies_hz[: len(self.images)]
+        of_pixels = ("index", "formed_m", "images", "again")
+        return replace(self, **{name: getattr(self, name)[..., chosen] for name in of_pixels})
 
     @cached_property
     def factor(self) -> np.ndarray | float:
@@ -124,13 +113,14 @@ class FskStep:
         at the corner of the paper's image), or 1 as in the paper."""
         if not self.echoes.config.off_axis:
             return 1.0
-        points_m = self.grid.points_at_m(self.index, self.formed_m)
+        points_m = self.echoes.grid.points_at_m(self.index, self.formed_m)
         return 2 / path_gradient_z(points_m, self.echoes.aperture)
 
     def steps_m(self, step_m: Callable[..., np.ndarray] = depth_step_m) -> np.ndarray:
         """Return step_m(image, last image, difference in hertz) of the first and the last tone, and
         of the second and the last: [2, n]; with two tones, [1, n]."""
-        *first, (last, last_hz) = zip(self.images, self.frequencies_hz, strict=True)
+        # the echoes may have further tones
+        *first, (last, last_hz) = zip(self.images, self.echoes.frequencies_hz, strict=False)
         return np.array([step_m(image, last, hz - last_hz) for image, hz in first[:2]])
 
     @property
@@ -141,7 +131,7 @@ class FskStep:
     @property
     def z_m(self) -> np.ndarray:
         """Depths after the step [ny, nx], metres, NaN off target."""
-        return self.grid.on_map(self.index, self.formed_m + self.correction_m)
+        return self.echoes.grid.on_map(self.index, self.formed_m + self.correction_m)
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
         """Average a map [ny, nx] by the configured filter (`masked_mean`)."""
@@ -174,19 +164,22 @@ def fsk(
             steps.append(echoes.image(z_m, count))
             z_m = on_step(steps[-1])
     z_m, db = steps[-1].filtered(z_m), amplitude_db(steps[-1].amplitude)
-    grid = config.pixels
-    depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "fsk", config.model_dump())
-    return with_velocity(depth, steps[-1]), steps
+    depth = DepthMap(echoes.grid.x_m, echoes.grid.y_m, z_m, db, "fsk", config.model_dump())
+    if echoes.repetition is not None:
+        depth = with_velocity(depth, steps[-1], echoes.repetition)
+    return depth, steps
 
 
 class FskEchoes(NamedTuple):
     """The samples [f, …] of one frame at a method's tones frequencies_hz [f]; for velocities the
-    first and the last measurement of the repeated tone follow as two more."""
+    first and the last measurement of the repeated tone follow as two more. grid: the pixels of the
+    depth map."""
 
     samples: np.ndarray
     frequencies_hz: np.ndarray
     aperture: Aperture
     config: Fsk
+    grid: PixelGrid
     repetition: Repetition | None
 
     @classmethod
@@ -200,14 +193,15 @@ class FskEchoes(NamedTuple):
         if config.first_depth_m == "auto":
             config = config.model_copy(update={"first_depth_m": first_depth_m(capture, frame)})
         samples = scaled_to_one(capture.samples[frame][index])
-        return cls(samples, capture.vacuum_hz[index], capture.aperture, config, repeated)
+        frequencies_hz = capture.vacuum_hz[index]
+        return cls(samples, frequencies_hz, capture.aperture, config, config.pixels, repeated)
 
     def first_step(self) -> FskStep:
         """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to
         the target by their phase, and return the step of the pixels at or above the threshold."""
         # 1: the plane z_e is imaged at f1 and f2.
         config = self.config
-        z_e = np.full(config.pixels.shape, config.first_depth_m)
+        z_e = np.full(self.grid.shape, config.first_depth_m)
         plane = self.image(z_e, 2)
         for _ in range(config.corrections):
             # 2: the phase at the strongest pixel corrects z_e, in the paper once.
@@ -222,21 +216,16 @@ class FskEchoes(NamedTuple):
         out."""
         from handbench.radar.imaging import api  # numba, which settings do not need
 
-        config, grid, index = self.config, self.config.pixels, np.flatnonzero(np.isfinite(z_m))
+        config, grid, index = self.config, self.grid, np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
+        rows = np.r_[:count, len(config.tones_hz) : len(self.samples)]
+        echoes = self.samples[rows], self.frequencies_hz[rows], self.aperture
         if count == 2:
             voxels = VoxelGrid(grid.x_m, grid.y_m, formed_m[:1])
-            image = partial(api.image_volume, grid=voxels, carrier=False)
+            images = api.image_volume(*echoes, voxels, config.tolerance, True, carrier=False)
         else:
-            image = partial(api.image_points, points_m=grid.points_at_m(index, formed_m))
-        rows = np.r_[:count, len(config.tones_hz) : len(self.samples)]
-        images = image(
-            self.samples[rows],
-            self.frequencies_hz[rows],
-            self.aperture,
-            tolerance=config.tolerance,
-            per_tone=True,
-        )
+            points_m = grid.points_at_m(index, formed_m)
+            images = api.image_points(*echoes, points_m, config.tolerance, per_tone=True)
         images, again = np.split(images.reshape(len(rows), -1), [count])
         amplitude = np.abs(images).mean(axis=0)
         whole = amplitude.reshape(grid.shape) if count == 2 else grid.on_map(index, amplitude, 0.0)
