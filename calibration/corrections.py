@@ -17,19 +17,20 @@ from handbench.radar.data.arrays import (
     channel_ends,
     range_period_m,
 )
-from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
+from handbench.radar.data.capture import RadarCapture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
+from handbench.support.voxels import mean_by, voxels
 
 Unknown = Literal["range_offset", "scan_step"]  # what echoes tell of the instrument
 SAME_M = 1e-5  # vectors from transmitter to receiver that agree to this are those of one element
-MOST_CHANNELS = 256  # from which is estimated
-SOME_TONES = 4  # of the first images
-DISTANCES_M = 2 ** np.linspace(-4, 2, 31)  # of the brightest point
-TWICE = 5  # of these further, the distance is twice as large
-TANGENTS = np.linspace(-0.6, 0.6, 101)  # of the brightest point's direction
-HALF = 0.5  # of the power is explained at least; sharpness elsewhere at most
+MOST = 256  # tones and channels from which is estimated
+FINE = 32  # steps of a range profile in a range cell
+NEAR_M = 1e-3  # peaks farther from their fit count less
+HALF = 0.5  # largest share of the power that the point may leave unexplained
+FARTHER = np.array([1, 2, 2, 2])  # of the value and the place of a point at twice the distance
+LEAST_BEND = 1 / 16  # of the range from there, in wavelengths: half the power then remains
 
 
 class Corrections(Config):
@@ -70,78 +71,63 @@ def scan_moves_m(aperture: Aperture) -> np.ndarray:
     HandbenchError for an array."""
     if isinstance(aperture, AntennaArray):
         raise HandbenchError("scan_step: is of an array that does not move; remove it")
-    tx_m, rx_m = channel_ends(aperture)
-    vectors = np.rint((rx_m - tx_m) / SAME_M)
-    _, element, stops = np.unique(vectors, axis=0, return_inverse=True, return_counts=True)
-    means_m = [np.bincount(element.ravel(), axis) / stops for axis in tx_m.T]
-    return tx_m - np.transpose(means_m)[element.ravel()]
+    element = voxels(aperture.rx_m - aperture.tx_m, SAME_M, 0.5)
+    return aperture.tx_m - mean_by(element, aperture.tx_m)[element]
 
 
 def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Corrections:
-    """Estimate what is unknown of an instrument from the sharpness of the first frame's image.
+    """Estimate what is unknown of an instrument from the first frame of a capture of one point.
 
-    The path over a point p bends over the aperture by its distance and by the scan's step, so the
-    image of a tone is sharp where the bend is right, whatever the range offset o; the path's length
-    then tells o, or the step. From there, the value is taken with which one point explains the
-    largest share of the echoes' power:
+    Over the aperture, the path to the point p bends by its distance and by the scan's step,
+    whatever the range offset o; the path's length then tells o, or the step. The peaks of the
+    channels' range profiles give a first p and value. From there, the value is taken with which one
+    point explains the largest share of the echoes' power:
 
         |Σ s(f, t, r) exp(+j2πf(|p − t| + |p − r| + 2o)/c)|² / (N Σ |s|²)
 
     unknown: one of them, since one point does not tell both. Raises HandbenchError if that share is
-    less than half, and if the image is more than half as sharp at half or twice the distance.
+    less than half, and if the path bends too little to tell the distance from twice as much.
     """
-    # not needed to apply corrections
-    from scipy.optimize import least_squares
-
-    from handbench.radar.imaging.api import image_points
+    from scipy.optimize import least_squares  # not needed to apply corrections
 
     tones_hz = capture.vacuum_hz
-    samples = capture.samples[0].reshape(len(tones_hz), -1)
+    samples = capture.samples[0].reshape(len(tones_hz), -1).astype(complex)
     live = np.flatnonzero(samples.any(axis=0))
     if len(unknown) != 1 or np.ptp(tones_hz) == 0 or len(live) == 0:
         raise HandbenchError(
-            f"unknown: is {list(unknown)} with {len(tones_hz)} tones of {len(live)} channels; "
-            "expected range_offset or scan_step in capture.toml, and echoes of several tones"
+            f"unknown: is {list(unknown)}; expected range_offset or scan_step in capture.toml, and "
+            "echoes of several tones"
         )
     stretched = "scan_step" in unknown
-    tx_m, rx_m = channel_ends(capture.aperture)
-    moves_m = scan_moves_m(capture.aperture) if stretched else 0 * tx_m
-    some = np.random.default_rng(0).permutation(live)[:MOST_CHANNELS]
-    samples = scaled_to_one(samples[:, some])
-    tones = even_subset(len(tones_hz), SOME_TONES)
-    pairs = AntennaPairs(tx_m[some], rx_m[some])
-    waves = 2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz
+    tones, some = (np.random.default_rng(0).permutation(n)[:MOST] for n in (len(tones_hz), live))
+    samples = samples[tones][:, some]
+    samples /= np.linalg.norm(samples)
+    waves = 4j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[tones]
+    ends_m = np.array(channel_ends(capture.aperture))[:, some]
+    moves_m = scan_moves_m(capture.aperture)[some] if stretched else 0
+
+    def ranges_m(values: np.ndarray) -> np.ndarray:
+        away_m = ends_m + values[0] * moves_m - values[1:]
+        return np.linalg.norm(away_m, axis=2).mean(axis=0) + values[0] * (not stretched)
 
     def unexplained(values: np.ndarray) -> np.ndarray:
-        offset_m, step = (0, values[0]) if stretched else (values[0], 1)
-        away_m = values[1:] - (step - 1) * moves_m[some]
-        lengths_m = sum(np.linalg.norm(away_m - end_m, axis=1) for end_m in channel_ends(pairs))
-        point = np.exp(-np.outer(waves, lengths_m + 2 * offset_m))
-        return (samples - point * np.vdot(point, samples) / point.size).ravel().view(np.float64)
+        echo = np.exp(-np.outer(waves, ranges_m(values)))
+        return (samples - echo * np.vdot(echo, samples) / echo.size).ravel().view(float)
 
-    x, y = (axis.ravel() for axis in np.meshgrid(TANGENTS, TANGENTS))
-    towards = np.stack([x, y, np.ones_like(x)], axis=1) / np.sqrt(1 + x**2 + y**2)[:, None]
-    points_m = (tx_m + rx_m).mean(axis=0) / 2 + DISTANCES_M[:, None, None] * towards
-    image = image_points(samples[tones], tones_hz[tones], pairs, points_m, None, True)
-    power = (np.abs(image) ** 2).sum(axis=0)
-    sharpness = power.max(axis=1)
-    best = int(sharpness.argmax())
-    point_m = points_m[best, power[best].argmax()]
-    image = image_points(samples, tones_hz, pairs, point_m[None], None, True)[:, 0]
-    offsets_m = range_period_m(tones_hz) * np.linspace(-0.5, 0.5, 1024)
-    offset_m = offsets_m[np.abs(np.exp(2 * np.outer(offsets_m, waves)) @ image).argmax()]
-    start = offset_m, *point_m
-    if stretched:
-        farther = max(1 + offset_m / DISTANCES_M[best], 0.01)
-        start = np.sqrt(farther), *farther * point_m
-    fit = least_squares(unexplained, start, x_scale="jac")
-    explained = 1 - 2 * fit.cost / np.linalg.norm(samples) ** 2
-    elsewhere = np.take(sharpness, [best - TWICE, best + TWICE], mode="clip").max()
-    if explained < HALF or elsewhere > HALF * sharpness[best]:
+    period_m = range_period_m(tones_hz)
+    profile_m = period_m * np.linspace(0, 1, FINE * len(tones_hz))
+    peaks = np.abs(np.exp(np.outer(profile_m, waves)) @ samples).argmax(axis=0)
+    peaks_m = np.unwrap(profile_m[peaks], period=period_m)
+    start = [0, 0, 0, peaks_m.mean()]
+    near = least_squares(lambda v: ranges_m(v) - peaks_m, start, loss="soft_l1", f_scale=NEAR_M)
+    fit = least_squares(unexplained, near.x, x_scale="jac")
+    bend_m = np.std(ranges_m(fit.x) - ranges_m(fit.x * FARTHER))
+    if 2 * fit.cost > HALF or bend_m < LEAST_BEND * SPEED_OF_LIGHT_M_S / tones_hz.max():
         raise HandbenchError(
-            f"echoes: do not tell {unknown[0]}; one point explains {100 * explained:.0f} %, half "
-            f"or twice its distance {100 * elsewhere / sharpness[best]:.0f} % of that; record one "
-            "small metal ball before a wide aperture, and subtract the background"
+            f"echoes: do not tell {unknown[0]}; one point explains {100 - 200 * fit.cost:.0f} %, "
+            f"and its range bends by {1e3 * bend_m:.2g} mm; record one small metal ball before a "
+            "wide aperture, and subtract the background"
         )
-    name = "scan_step" if stretched else "range_offset_m"
-    return parse(Corrections, {name: float(fit.x[0])}, "echoes")
+    if stretched:
+        return Corrections(scan_step=1 + fit.x[0])
+    return Corrections(range_offset_m=np.unwrap([0, fit.x[0]], period=period_m)[1])
