@@ -1,7 +1,6 @@
 """`handbench reconstruct`: image one capture by one method."""
 
 import argparse
-from typing import Any
 
 import numpy as np
 
@@ -28,7 +27,10 @@ def run(options: argparse.Namespace) -> None:
         free(file, options.overwrite)
     chosen, recorded = method(options.method), open_capture(options.capture)
     values = configured(recorded.about, chosen.id, {}).model_dump(mode="json")
-    settings = chosen.configure(_settings(options, values), "--set or --tolerance")
+    set_values(values, options.settings, "z.step_m=0.002")
+    if options.exact or options.tolerance is not None:
+        values["tolerance"] = options.tolerance
+    settings = chosen.configure(values, "--set or --tolerance")
     volume_asked = options.volume is not None or options.check
     if volume_asked and not isinstance(settings, Backprojection):
         raise HandbenchError(
@@ -79,13 +81,3 @@ def _check(
             f"--check: the volume's relative error is {error:.1e}, but expected at most {most:g}; "
             "use --exact, and please report this capture to the authors"
         )
-
-
-def _settings(options: argparse.Namespace, values: dict[str, Any]) -> dict[str, Any]:
-    """Replace settings of the method by those of the command line: --set KEY=VALUE, --tolerance and
-    --exact. Returns the changed dictionary `values`.
-    The last two have no effect on a method without a tolerance, which always images exactly."""
-    set_values(values, options.settings, "z.step_m=0.002")
-    if "tolerance" in values and (options.exact or options.tolerance is not None):
-        values["tolerance"] = options.tolerance
-    return values

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.arrays import Aperture, positions
+from handbench.radar.data.arrays import Aperture, positions, tones
+from handbench.radar.data.capture import largest_part
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu import executor as cpu
-from handbench.radar.imaging.cpu.exact import check_samples
 from handbench.radar.imaging.device import Array, current_device, to_host
 from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import Peaks, strongest_voxels
@@ -58,7 +58,7 @@ def image_points(
     algorithm with its plan. Raises HandbenchError for invalid arguments.
     """
     check(tolerance)
-    _check_size(samples, frequencies_hz, aperture)
+    _check_samples(samples, frequencies_hz, aperture)
     points_m = np.asarray(points_m)
     if points_m.shape[-1:] != (3,):
         raise HandbenchError(f"points_m: have shape {points_m.shape}; expected [..., 3], in metres")
@@ -100,7 +100,7 @@ def image_volume(
     `support.cost`).
     """
     check(tolerance)
-    _check_size(samples, frequencies_hz, aperture)
+    _check_samples(samples, frequencies_hz, aperture)
     count = len(samples) if per_tone else 1
     require_memory(
         8 * count * int(np.prod(grid.shape)),
@@ -131,7 +131,7 @@ def project_volume(
     whole; None for the exact sum.
     """
     check(tolerance)
-    _check_size(samples, frequencies_hz, aperture)
+    _check_samples(samples, frequencies_hz, aperture)
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, False))
@@ -159,10 +159,22 @@ def check(tolerance: float | None) -> None:
         )
 
 
-def _check_size(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> None:
-    """Raise HandbenchError for invalid samples or tones, and for samples so large or so small that
-    sums in float32 may overflow or lose them."""
-    largest = check_samples(samples, frequencies_hz, aperture)
+def _check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> None:
+    """Raise HandbenchError for invalid tones, for samples that are not finite or do not fit the
+    tones and the aperture, and for samples so large or so small that sums in float32 may overflow
+    or lose them."""
+    tones("frequencies_hz", frequencies_hz)
+    expected = (len(frequencies_hz), *aperture.channels)
+    if samples.shape != expected:
+        raise HandbenchError(
+            f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} "
+            f"frequencies and the {aperture.channels} channels of the {type(aperture).__name__}"
+        )
+    if samples.dtype.kind not in "iufc" or not np.isfinite(largest := largest_part(samples)):
+        raise HandbenchError(
+            f"samples: have NaN or infinite values or the type {samples.dtype}; expected finite "
+            "numbers, so repair them"
+        )
     if largest != 0 and not SIZES[0] <= largest <= SIZES[1]:
         raise HandbenchError(
             f"samples: the largest has the magnitude {largest:.3g}; expected {SIZES[0]:g} to "

@@ -81,7 +81,7 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
 def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
     """Yield sentences for the user about transmitters, receivers or scan positions that have no
     echo at any tone of a frame."""
-    live = _live(capture, frame)
+    live = capture.samples[frame].any(axis=0)
     if not live.any():
         return
     ways: dict[str, np.ndarray] = {"positions": live}
@@ -105,7 +105,7 @@ def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
     have an echo, since a scan of one antenna over the midpoints would resolve as well. Midpoints on
     one line have extent 0 across.
     """
-    live = _live(capture, frame).ravel()
+    live = capture.samples[frame].any(axis=0).ravel()
     tx_m, rx_m = channel_ends(capture.aperture)
     middle_m = (tx_m[live] + rx_m[live]) / 2
     if len(middle_m) == 0:
@@ -137,10 +137,3 @@ def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.n
 def _unit(tone: np.ndarray) -> np.ndarray:
     """Return a tone's samples [...] divided by their largest magnitude."""
     return tone / np.abs(tone).max()
-
-
-def _live(capture: RadarCapture, frame: int) -> np.ndarray:
-    """Return True for the channels that have an echo at any tone of the frame: [t, r], or [n] of a
-    scan."""
-    live: np.ndarray = capture.samples[frame].any(axis=0)
-    return live

@@ -10,17 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from handbench.radar.data.arrays import (
-    SPEED_OF_LIGHT_M_S,
-    AntennaArray,
-    Aperture,
-    array_legs,
-    tones,
-)
-from handbench.radar.data.capture import largest_part
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture, array_legs
 from handbench.radar.imaging.cpu.steering import cis_turns, distances_m, inner_distances_m, steering
 from handbench.support.compiled import FAST, njit
-from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
 
 BLOCK = 256  # points per matrix product: both factors stay in the second-level cache
@@ -36,11 +28,8 @@ def exact_images(
     """Image points_m [n, 3], in metres, by the sum over every tone and antenna in float32:
     complex64 [f, n], one image per tone, with `per_tone`; else [1, n], their coherent sum.
 
-    samples: [f, t, r] for an AntennaArray, [f, n] for AntennaPairs;
-    frequencies_hz: [f]. Raises HandbenchError for samples that are not finite, or whose shape does
-    not fit the tones and the aperture.
+    samples: [f, t, r] for an AntennaArray, [f, n] for AntennaPairs; frequencies_hz: [f].
     """
-    check_samples(samples, frequencies_hz, aperture)
     images = np.zeros((len(samples) if per_tone else 1, len(points_m)), np.complex64)
     stacked = [_stack(s) for s in samples]
 
@@ -124,24 +113,3 @@ def _scan_image(  # type: ignore[no-untyped-def]
             re[p] += s_re * cosine - s_im * sine
             im[p] += s_re * sine + s_im * cosine
     return (re + 1j * im).astype(np.complex64)
-
-
-def check_samples(samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture) -> float:
-    """Return the largest magnitude of a real or imaginary part of the samples.
-
-    Raises HandbenchError for invalid tones, and for samples that are not finite or do not fit the
-    tones and the aperture.
-    """
-    tones("frequencies_hz", frequencies_hz)
-    expected = (len(frequencies_hz), *aperture.channels)
-    if samples.shape != expected:
-        raise HandbenchError(
-            f"samples: have shape {samples.shape}; expected {expected} for {len(frequencies_hz)} "
-            f"frequencies and the {aperture.channels} channels of the {type(aperture).__name__}"
-        )
-    if samples.dtype.kind not in "iufc" or not np.isfinite(largest := largest_part(samples)):
-        raise HandbenchError(
-            f"samples: have NaN or infinite values or the type {samples.dtype}; expected finite "
-            "numbers, so repair them"
-        )
-    return largest

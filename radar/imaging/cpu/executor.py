@@ -30,13 +30,13 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     keeps all tones, else [1, points], the sum of all tones. The images are in the order before
     sorting. samples: complex [f, t, r], or [f, n] of a scan."""
     with one_blas_thread():
-        root = _down(planes(samples), plan.root_node, plan.top_node)
+        root = to_child(planes(samples), plan.root_node.turns_per_m, *plan.top_node.step)
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
         node, leaves = plan.cell(group[0]), group[1]
         gather(
-            _down(root, plan.top_node, node),
+            to_child(root, plan.top_node.turns_per_m, *node.step),
             node.turns_per_m,
             plan.stack(where.leaf[leaves].tolist()),
             plan.passes,
@@ -155,10 +155,6 @@ def _upsample(
     halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
     for_each(widen, list(product(range(count), range(nz), halves)))
     for_each(heighten, list(product(range(count), range(0, len(plan.y.weights), most))))
-
-
-def _down(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return to_child(samples, parent.turns_per_m, *child.step)
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
