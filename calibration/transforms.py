@@ -138,10 +138,14 @@ def umeyama(
     with_scale: fit a scale too; else it is 1. weights [n]: weights of the points (None: equal).
     Raises HandbenchError if a scale is wanted and all source points coincide.
     """
-    source, source_mean, target, target_mean, weights = centred(source_m, target_m, weights)
-    u, stretch, vt = np.linalg.svd((weights[:, None] * target).T @ source)
+    source_mean, target_mean = (
+        np.average(points_m, axis=0, weights=weights) for points_m in (source_m, target_m)
+    )
+    source = source_m - source_mean
+    weighted = source if weights is None else weights[:, None] * source
+    u, stretch, vt = np.linalg.svd((target_m - target_mean).T @ weighted)
     proper = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    spread = weights @ (source**2).sum(axis=1)
+    spread = (weighted * source).sum()
     if with_scale and spread == 0:
         raise HandbenchError(
             f"scale: all {len(source)} source points are the same point; use points that are apart"
@@ -151,38 +155,6 @@ def umeyama(
     matrix[:3, :3] = scale * (u * proper) @ vt
     matrix[:3, 3] = target_mean - matrix[:3, :3] @ source_mean
     return matrix
-
-
-def condition_number(
-    source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None = None
-) -> float:
-    """Compute how unevenly matched points, source and target [n, 3], determine the rotation between
-    them: its uncertainty about the worst axis divided by that about the best one, √((d₁ + d₂) / (d₂
-    + d₃)). weights [n]: weights of the points (None: equal).
-
-    d₁ ≥ d₂ ≥ d₃ are the singular values of the weighted cross-covariance, d₃ negative if the best
-    map is a reflection; the squared error has curvatures equal to their pairwise sums about the
-    three axes. For matching points, d is σ² of the centred points, and a rotation about axis i is
-    determined by σ_j² + σ_k². The result is infinite for points on a line, for fewer than three
-    different ones, and for a mirror image that fits two rotations equally well.
-    """
-    source, _, target, _, weights = centred(source_m, target_m, weights)
-    u, d, vt = np.linalg.svd((weights[:, None] * target).T @ source)
-    weakest = d[1] + np.sign(np.linalg.det(u) * np.linalg.det(vt)) * d[2]
-    return (
-        float(np.sqrt((d[0] + d[1]) / weakest)) if weakest > np.finfo(float).eps * d[0] else np.inf
-    )
-
-
-def centred(
-    source_m: np.ndarray, target_m: np.ndarray, weights: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre two sets of points [n, 3] on their weighted means: (centred source points, their mean,
-    centred target points, their mean, weights [n] scaled to sum 1)."""
-    weights = np.ones(len(source_m)) if weights is None else weights
-    weights = weights / weights.sum()
-    source_mean, target_mean = weights @ source_m, weights @ target_m
-    return source_m - source_mean, source_mean, target_m - target_mean, target_mean, weights
 
 
 def load_transform(path: str | Path) -> Transform:

@@ -18,7 +18,6 @@ from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import (
     MAJORITY,
     adjoint,
-    condition_number,
     perturbation_jacobian,
     triples,
     umeyama,
@@ -30,6 +29,7 @@ SETTLED = 1e-13  # of the centres' extent: a step that moves no centre further i
 GROSS = 10.0  # standard deviations beyond which a pair contradicts a transform
 LEAST = 4  # pairs that must agree before another is called wrong
 CONDITION = 20.0  # of the rotation, at most: planar centres whose second extent is 5 % of the first
+EPS = np.finfo(float).eps
 DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 
@@ -49,29 +49,17 @@ class Pairs:
 
     @classmethod
     def of(
-        cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str] = ()
+        cls, source: Sequence[Candidate], target: Sequence[Candidate], names: Sequence[str]
     ) -> "Pairs":
         """Make pairs from the measured centres of two sensors, listed in the same order. Raises
-        HandbenchError for fewer than three, for numbers that are not finite, and for covariances
-        that are not positive definite."""
+        HandbenchError for fewer than three."""
         if len(source) < 3:
             raise HandbenchError(
                 f"target: only {len(source)} elements are found both in the "
                 "photographs and in the echoes; expected 3 or more; check that all elements are "
                 "in view"
             )
-        names = tuple(names) or tuple(f"pair {i + 1}" for i in range(len(source)))
-        for name, one, other in zip(names, source, target, strict=True):
-            cov_m2 = one.covariance_m2 + other.covariance_m2
-            if (
-                not np.isfinite([*one.centre_m, *other.centre_m, *cov_m2.ravel()]).all()
-                or np.linalg.eigvalsh(cov_m2)[0] <= 0
-            ):
-                raise HandbenchError(
-                    f"{name}: the centre or its covariance is not finite, or the covariance is "
-                    "not positive; expected metres and a positive 3×3 matrix in square metres"
-                )
-        p, q = (np.array([c.centre_m for c in side], np.float64) for side in (source, target))
+        p, q = (np.array([c.centre_m for c in side]) for side in (source, target))
         p_cov, q_cov = (np.array([c.covariance_m2 for c in side]) for side in (source, target))
         return cls(p, q, p_cov, q_cov, np.array(names))
 
@@ -111,8 +99,13 @@ class Pairs:
     @property
     def condition(self) -> float:
         """How unevenly the pairs determine the rotation: its uncertainty about the worst axis
-        divided by that about the best one."""
-        return condition_number(self.source_m, self.target_m, self.weights)
+        divided by that about the best one. A rotation about axis i is determined by σ_j² + σ_k² of
+        the variances σ² along the target points' principal axes; on a line, two of them are 0."""
+        away_m = self.target_m - np.average(self.target_m, axis=0, weights=self.weights)
+        scatter = (self.weights[:, None] * away_m).T @ away_m
+        weak, middle, strong = np.linalg.eigvalsh(scatter)
+        worst = weak + middle
+        return np.sqrt((middle + strong) / worst) if worst > EPS * strong else np.inf
 
 
 def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:

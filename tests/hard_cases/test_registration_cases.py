@@ -15,8 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.registration.register import solve
-from handbench.calibration.registration.rigid_fit import GROSS, Pairs
+from handbench.calibration.registration.rigid_fit import GROSS
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import (
     Candidate,
@@ -31,6 +30,7 @@ from handbench.calibration.transforms import Transform
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
+from tests.calibration.seen_target import align
 from tests.hard_cases.cases import Seen, Works, hard_case, refusal
 from tests.hard_cases.scenes import capture, small_array
 from tests.references.balls import off, rotation
@@ -60,7 +60,7 @@ def candidates(centres_m: np.ndarray) -> list[Candidate]:
 def registered(source_m: np.ndarray, target_m: np.ndarray) -> Transform:
     """The product's transform, without what it says of pairs that it leaves out."""
     with redirect_stderr(io.StringIO()):
-        return solve(Pairs.of(candidates(source_m), candidates(target_m)))
+        return align(candidates(source_m), candidates(target_m))
 
 
 def _rectangle(half_m: float) -> np.ndarray:

@@ -19,7 +19,7 @@ from handbench.calibration.registration.rigid_fit import Pairs, fit
 from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import Transform, umeyama
 from handbench.support.errors import HandbenchError
-from tests.calibration.seen_target import align, candidates
+from tests.calibration.seen_target import align, candidates, pairs_of
 from tests.references.balls import Balls, balls, middles, off, rotation
 from tests.strategies import examples
 
@@ -157,7 +157,7 @@ def test_the_weighted_refinement_and_its_covariance(target_far, seed):
         [Candidate(c, r @ r.T, ()) for c, r in zip(side, root, strict=True)]
         for side, root in zip((p, q), roots, strict=True)
     )
-    pairs = Pairs.of(source, target)
+    pairs = pairs_of(source, target)
     matrix, found = fit(pairs)
     assert (pairs.distances(matrix) ** 2).sum() < 3 * 5 - 6
     wanted, covariance = weighted(pairs, matrix)
@@ -175,7 +175,6 @@ WITH_ONE_BESIDE = np.vstack(
     [LINE + [[0, 0, 0], [0, 1e-3, 0], [0, 0, 1e-3], [0, -1e-3, 0], [0, 0, -1e-3]], [0.05, 0.06, 0]]
 )
 OPEN = r"\(condition number (inf|\d.\d*e\+\d\d), expected at most 20\)"
-BROKEN = "pair 6: the centre or its covariance"
 CONTRADICT = r"its {} pairs of centres disagree .*residuals in mm: pair 1 \d"
 
 
@@ -190,17 +189,14 @@ CONTRADICT = r"its {} pairs of centres disagree .*residuals in mm: pair 1 \d"
         (RECTANGLE, 0, 1e-8, "condition number 24, expected at most 20"),
         (WITH_ONE_BESIDE, 0, 1e-2, "are on a line .* so the rotation about this line is unknown"),
         (WITH_ONE_BESIDE, 0.03, 1e-8, "condition number"),
-        (WITH_ONE_BESIDE, 0, np.inf, BROKEN),
-        (WITH_ONE_BESIDE, 0, -1.0, BROKEN),
-        (WITH_ONE_BESIDE, np.nan, 1e-8, BROKEN),
         (SOLID[:3], 0.05, 1e-8, CONTRADICT.format(3)),
         (SOLID[:4], 0.05, 1e-8, CONTRADICT.format(4)),
     ],
 )
 def test_what_leaves_the_rotation_open_is_refused(points, shift_m, last_m2, words):
     """Lines and points; a narrow rectangle of half length a and half width b, √((a² + b²)/b²) =
-    24.02; the one centre off the line (the last) badly known, or wrong; numbers that are none. Of
-    four, three that agree are no majority: triangles that fit are no rarity."""
+    24.02; the one centre off the line (the last) badly known, or wrong. Of four, three that agree
+    are no majority: triangles that fit are no rarity."""
     source, target = candidates(points), candidates(points)
     last = points[-1] + [shift_m, 0, 0]
     target[-1] = Candidate(last, np.diag([last_m2] * 3), ())
