@@ -123,9 +123,9 @@ class Node:
 
     @cached_property
     def place(self) -> tuple[Any, ...]:
-        """Centre, tones and, for each leg, (length_m, position_m, number) of its antennas, for
-        compiled code."""
-        legs = ((leg.length_m, leg.position_m, leg.number) for leg in self.legs)
+        """Centre, tones and, for each leg, (length_m, position_m) of its antennas, for compiled
+        code."""
+        legs = ((leg.length_m, leg.position_m) for leg in self.legs)
         return (self.box.centre_m, self.turns_per_m, *legs)
 
 

@@ -195,22 +195,17 @@ def _bent(
     box = Box(antennas.min(axis=0), antennas.max(axis=0))
     beside_m = scatterers.position_m - np.clip(scatterers.position_m, *box)
     bent = np.linalg.norm(beside_m, axis=1) < NEAR * SPEED_OF_LIGHT_M_S / np.min(frequencies_hz)
-    if scatterers.normal is None and pattern == 0:
-        return bent
-    least, most, ahead = (
-        np.full(len(bent), np.inf),
-        np.full(len(bent), -np.inf),
-        np.full(len(bent), np.inf),
-    )
+    hidden, seen = np.zeros((2, len(bent)), bool)
     for corner_m in np.unique(box.corners_m, axis=0):
         towards = corner_m - scatterers.position_m
-        distance = np.sqrt(np.einsum("pi,pi->p", towards, towards))
-        ahead = np.minimum(ahead, -towards[:, 2] / distance)
+        towards /= np.linalg.norm(towards, axis=1)[:, None]
+        if pattern != 0:
+            bent |= -towards[:, 2] < least_cosine(pattern)
         if scatterers.normal is not None:
-            cosine = np.einsum("pi,pi->p", towards, scatterers.normal) / distance
-            least, most = np.minimum(least, cosine), np.maximum(most, cosine)
-    bent |= (least < GRAZING) & (most > 0)
-    return bent | (ahead < least_cosine(pattern)) if pattern != 0 else bent
+            cosine = np.einsum("pi,pi->p", towards, scatterers.normal)
+            hidden |= cosine < GRAZING
+            seen |= cosine > 0
+    return bent | (hidden & seen)
 
 
 def _gains(

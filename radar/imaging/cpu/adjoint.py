@@ -35,7 +35,7 @@ def radiate(points_m, gain_a, gain_b, place, passes, reference_m):  # type: igno
     [2]: how often the path goes between target and transmitter, and between target and receiver;
     reference_m [2, 3]: points near the antennas, to which path differences are computed.
     """
-    centre_m, turns_per_m, (length_a, position_a, _), (length_b, position_b, _) = place
+    centre_m, turns_per_m, (length_a, position_a), (length_b, position_b) = place
     n, n_a, n_b = points_m.shape[1], len(length_a), len(length_b)
     common = np.zeros(n)
     delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)

@@ -45,7 +45,7 @@ PATCH = 0.25  # longest edge of a mirror, wavelengths,
 TRIAL = 0.5  # and of the pieces of the surface that are tried first, from the array's corners
 CREASE = 0.85  # cosine between a face and a corner's normal below which the body has an edge there
 GROUP_M = 0.03  # edges of the cubes whose mirrors share their antennas
-SIGHT_M = 1.5e-3  # of the cubes whose footprints are in sight together
+SIGHT_M = 2.5e-3  # of the cubes whose footprints are in sight together
 STEEPEST = 1.4  # growth of the path along the footprint (at most 2) above which tubes cancel
 PROBES = 150  # places of a group by which its antennas are chosen
 TONES = 3e-3  # tolerance of the choice of few tones,
@@ -80,7 +80,8 @@ class Bounces:
         few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m[None]), TONES)
         self._few_hz, self._middle_m = f[few], body.vertices_m.mean(axis=0)
         self._turns_per_m = self._few_hz / SPEED_OF_LIGHT_M_S
-        self._reflection = echo_reflections(surface.material, self._few_hz).astype(np.complex64)
+        once = echo_reflections(surface.material, self._few_hz).T.astype(np.complex64)
+        self._twice = once[:, :, None] * once[:, None]
 
     def echo(self) -> np.ndarray:
         """Compute the samples [f, t, r], complex64. They are summed at few tones, and for each
@@ -151,7 +152,7 @@ class Bounces:
         _, some, cube = np.unique(_cubes(place_m, SIGHT_M), return_index=True, return_inverse=True)
         ends = np.repeat(place_m[some], len(by), axis=0), np.tile(rx_m[by], (len(some), 1))
         seen = self._rays.in_sight(*ends).reshape(len(some), -1)[cube].T
-        weight = field[lit] * self._reflection[layers[:, lit]].prod(axis=0).T
+        weight = field[lit] * self._twice[:, *layers[:, lit]]
         columns = shape[:, lit], weight.real, weight.imag, seen, rx_m[by], back_m, self._turns_per_m
         samples = radiate(
             np.searchsorted(t[lit], np.arange(len(at) + 1)),

@@ -32,7 +32,6 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.cpu.steering import cis_small
 from handbench.radar.simulation.forward import Scatterers, Sight
 from handbench.radar.simulation.physics.facets import face_vectors, unit
-from handbench.radar.simulation.physics.line_of_sight import evenly_spaced, lines
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.compiled import FAST, INNER, njit
 from handbench.support.errors import HandbenchError
@@ -314,14 +313,20 @@ def _exceeds(table: np.ndarray, limit: float) -> np.ndarray:
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Choose antennas evenly along each line, at most apart_m apart: (their indices, weights
-    float32 [a, nodes] that interpolate values at them to all antennas [a, 3] by cubic splines)."""
+    """Choose antennas evenly along each line, both ends and others at most apart_m apart: (their
+    indices, weights float32 [a, nodes] that interpolate values at them to all antennas [a, 3] by
+    cubic splines). A new line begins at a step longer than twice the median step."""
+    steps_m = np.linalg.norm(np.diff(antennas_m, axis=0, prepend=antennas_m[:1]), axis=1)
+    begins = np.flatnonzero(steps_m > 2 * np.median(steps_m))
+    steps_m[begins] = 0
     chosen: list[int] = []
     spread = np.zeros((len(antennas_m), len(antennas_m)), np.float32)
-    for line in lines(antennas_m):
-        at, along_m = evenly_spaced(antennas_m[line], apart_m)
-        weights = CubicSpline(along_m[at], np.eye(len(at)))(along_m) if len(at) > 1 else 1.0
-        spread[line, len(chosen) : len(chosen) + len(at)] = weights
+    for line in np.split(np.arange(len(antennas_m)), begins):
+        along_m = steps_m[line].cumsum()
+        count = min(len(line), 1 + int(np.ceil(along_m[-1] / apart_m)))
+        at = np.linspace(0, len(line) - 1, count).round().astype(int)
+        weights = CubicSpline(along_m[at], np.eye(count))(along_m) if count > 1 else 1.0
+        spread[line, len(chosen) : len(chosen) + count] = weights
         chosen += line[at].tolist()
     return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
 
