@@ -1,14 +1,17 @@
 """Similarity transforms (rotation, translation, scale) between named frames, their fit to matched
 points, and their files."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
-from math import comb
+from math import comb, isqrt
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field
 
+from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
@@ -16,6 +19,13 @@ TRIPLES = comb(12, 3)  # largest number of triples; beyond 12 pairs they are dra
 MAJORITY = 0.6  # share of pairs that must agree before another is called wrong
 # larger than the Earth's radius: offsets, residuals and roots of covariances are smaller
 LARGEST_M = 1e7
+
+
+Numbers = Annotated[  # also in rows
+    tuple[Annotated[float, Field(gt=-LARGEST_M, lt=LARGEST_M)], ...],
+    BeforeValidator(lambda rows: np.ravel(rows).tolist()),
+]
+Matrix = Annotated[Numbers, Field(min_length=16, max_length=16)]  # 4×4, row by row
 
 
 @dataclass(frozen=True)
@@ -99,6 +109,27 @@ class Transform:
         write_json(path, content | ({"refined": self.refined} if self.refined else {}))
 
 
+def _in_rows(numbers: Sequence[float]) -> np.ndarray:
+    return np.reshape(numbers, (isqrt(len(numbers)), -1))
+
+
+class Refined(Config, extra="allow"):
+    """What `handbench calibrate --refine` wrote into a transform's file."""
+
+    reason: str
+
+
+class TransformFile(Config, extra="ignore"):
+    """The content of a transform's file, see `Transform`."""
+
+    source: str = Field(alias="from")
+    target: str = Field(alias="to")
+    matrix: Matrix
+    covariance: Annotated[Numbers, AfterValidator(_in_rows)] | None = None
+    residuals_m: Numbers = ()
+    refined: Refined | None = None
+
+
 def identity(frame: str) -> Transform:
     """Return the identity transform from a frame to itself."""
     return Transform(frame, frame, np.eye(4))
@@ -161,14 +192,8 @@ def load_transform(path: str | Path) -> Transform:
     """Read a transform from a JSON file. Raises HandbenchError unless its matrix is a finite 4×4
     similarity without reflection and its covariance, if there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
-    if not isinstance(content, dict) or not all(
-        isinstance(content.get(key), str) for key in ("from", "to")
-    ):
-        raise HandbenchError(
-            f'{path}: is not a transform file; expected the keys "from" and "to" with the names of '
-            'two frames, and "matrix" (4×4)'
-        )
-    matrix = checked_numbers(path, "matrix", content.get("matrix"), [(4, 4)])
+    file = parse(TransformFile, content, str(path))
+    matrix = np.reshape(file.matrix, (4, 4))
     linear = matrix[:3, :3]
     scale2 = np.trace(linear @ linear.T) / 3
     if (
@@ -180,56 +205,21 @@ def load_transform(path: str | Path) -> Transform:
             f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear, "
             "or its last row is not [0, 0, 0, 1]); calibrate again"
         )
-    residuals_m = checked_numbers(path, "residuals_m", content.get("residuals_m") or [], None)
-    covariance = content.get("covariance")
-    if covariance is not None:
-        covariance = checked_numbers(path, "covariance", covariance, [(6, 6), (7, 7)], LARGEST_M**2)
-        size = np.abs(covariance).max()
+    covariance = None
+    if file.covariance is not None:
+        covariance = np.array(file.covariance)
+        least = -1e-6 * np.abs(covariance).max()
         if (
-            np.abs(covariance - covariance.T).max() > 1e-6 * size
-            or np.linalg.eigvalsh(covariance)[0] < -1e-6 * size
+            covariance.shape not in {(6, 6), (7, 7)}
+            or np.abs(covariance - covariance.T).max() > -least
+            or np.linalg.eigvalsh(covariance)[0] < least
         ):
             raise HandbenchError(
-                f"{path}: 'covariance' is not symmetric and positive; calibrate again"
+                f"{path}: 'covariance' is not 6×6 or 7×7, symmetric and positive; calibrate again"
             )
-    refined = content.get("refined")
-    if refined is not None and not (
-        isinstance(refined, dict) and isinstance(refined.get("reason"), str)
-    ):
-        raise HandbenchError(
-            f"""{path}: 'refined' has no "reason"; use a file that `handbench calibrate """
-            "--refine` wrote"
-        )
-    return Transform(content["from"], content["to"], matrix, covariance, residuals_m, refined)
-
-
-def checked_numbers(
-    path: str | Path,
-    key: str,
-    value: object,
-    shapes: list[tuple[int, ...]] | None,
-    largest: float = LARGEST_M,
-) -> np.ndarray:
-    """Return `value`, read from a file, as a float array. Raises HandbenchError unless it has one
-    of the shapes (None: a list of any length) and finite numbers below `largest`. path, key: file
-    and key of the value, for the message."""
-    expected = " or ".join("×".join(map(str, shape)) for shape in shapes) if shapes else "a list of"
-    try:
-        array = np.array(value)
-        good = (
-            array.dtype.kind in "iuf"
-            and np.isfinite(array).all()
-            and np.abs(array).max(initial=0) < largest
-        )
-    except ValueError:  # rows of different lengths
-        good = False
-    if not good or (array.shape not in shapes if shapes else array.ndim != 1):
-        shown = repr(value)
-        raise HandbenchError(
-            f"{path}: '{key}' is {shown if len(shown) < 60 else shown[:57] + '...'}; expected "
-            f"{expected} finite numbers below {largest:g}"
-        )
-    return array.astype(np.float64)
+    refined = file.refined.model_dump() if file.refined else None
+    residuals_m = np.array(file.residuals_m)
+    return Transform(file.source, file.target, matrix, covariance, residuals_m, refined)
 
 
 def triples(count: int) -> np.ndarray:

@@ -10,11 +10,10 @@ Without one, the radar frame is taken to be handbench's already.
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from handbench.calibration.transforms import Transform, checked_numbers, identity, load_transform
+from handbench.calibration.transforms import Matrix, Transform, identity, load_transform
 from handbench.support.config import Config, ConfigT, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -30,7 +29,7 @@ MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
 class Alignment(Config, extra="ignore"):
     """The used part of an `alignment.json`."""
 
-    photogrammetry2radar: list[Any]
+    photogrammetry2radar: Matrix
 
 
 def load_part(model: type[ConfigT], path: Path) -> ConfigT:
@@ -75,8 +74,7 @@ def is_mirrored(matrix: np.ndarray) -> bool:
 
 def load_matrix(path: Path) -> np.ndarray:
     """Read the matrix [4, 4] of an alignment.json. Raises HandbenchError for other numbers."""
-    rows = load_part(Alignment, path).photogrammetry2radar
-    return checked_numbers(path, KEY, rows, [(4, 4), (16,)]).reshape(4, 4)
+    return np.reshape(load_part(Alignment, path).photogrammetry2radar, (4, 4))
 
 
 def load_any_transform(file: Path | None) -> Transform:

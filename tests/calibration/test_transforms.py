@@ -98,7 +98,7 @@ GOOD = {
     "covariance": np.eye(6).tolist(),
     "residuals_m": [],
 }
-NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "expected 4×4 finite numbers"
+NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "'matrix"
 
 
 @pytest.mark.parametrize(
@@ -111,12 +111,16 @@ NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "expected 4×4 finite
         ({"matrix": [[10**400] * 4] * 4}, NO_MATRIX),
         ({"matrix": "\n".join("import os" for _ in range(100))}, NO_MATRIX),
         ({"matrix": np.where(EYE, np.nan, 0)}, NO_MATRIX),
-        ({"matrix": EYE + 1e9 * np.eye(4, k=3)}, "finite numbers"),
-        ({"covariance": np.eye(5)}, "expected 6×6 or 7×7 finite numbers"),
-        ({"covariance": -np.eye(6)}, "'covariance' is not symmetric and positive"),
-        ({"residuals_m": [[1.0]]}, "expected a list of finite numbers"),
-        ({"from": ["photo"]}, "names of two frames"),
-        ("[]", "expected"),
+        ({"matrix": EYE + 1e9 * np.eye(4, k=3)}, "should be less than"),
+        ({"covariance": np.eye(5)}, "'covariance' is"),
+        ({"covariance": -np.eye(6)}, "symmetric and positive"),
+        ({"covariance": np.ones((6, 7))}, "'covariance' is not 6×6 or 7×7"),
+        ({"covariance": [1] * 37}, "'covariance' is [1, 1"),
+        ({"covariance": []}, "'covariance' is"),
+        ({"residuals_m": ["a"]}, "'residuals_m.0' is 'a'"),
+        ({"refined": {}}, "'refined.reason' is missing"),
+        ({"from": ["photo"]}, "'from' is"),
+        ("[]", "valid dictionary"),
         ("[" * 100_000, "expected"),
     ],
 )
@@ -129,6 +133,6 @@ def test_a_wrong_transform_file_is_refused_in_one_line(tmp_path, change, words):
     with pytest.raises(HandbenchError) as caught:
         load_transform(path)
     assert words in str(caught.value) and str(path) in str(caught.value)
-    assert len(str(caught.value)) < 300
+    assert len(str(caught.value)) < 500
     path.write_text(json.dumps(GOOD))
     load_transform(path)
