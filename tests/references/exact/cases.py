@@ -43,7 +43,7 @@ def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
 
 SCENES: dict[str, tuple[Shape, ...]] = {
     "one finger": _fingers(0.0),
-    "fingers 1 mm apart": _fingers(-8.5e-3, 8.5e-3),
+    "fingers 6 mm apart": _fingers(-11e-3, 11e-3),
     "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
     "finger before palm": _before_palm(0.0),
     "finger before palm, 12 mm aside": _before_palm(12e-3),
