@@ -142,12 +142,12 @@ def bare_echoes(
     return Echoes(scene, frames, tolerance, empty, scene.array, surface, delay_m)
 
 
-def front_facets(scene: EchoScene, body: Body) -> Scatterers:
+def front_facets(scene: EchoScene, body: Body, longest: float = LONGEST) -> Scatterers:
     """Return those facets of the body that face at least one corner of the box around the antennas,
-    with edges of at most LONGEST wavelengths."""
+    with edges of at most `longest` wavelengths."""
     vectors = face_vectors(body.vertices_m, body.faces)
     centres = body.vertices_m[body.faces].mean(axis=1)
     antennas = np.concatenate([scene.array.tx_m, scene.array.rx_m])
     corners = Box(antennas.min(axis=0), antennas.max(axis=0)).corners_m
     front = (vectors @ corners.T > (vectors * centres).sum(axis=1)[:, None]).any(axis=1)
-    return facets_of(body, LONGEST * scene.wavelength_m, np.flatnonzero(front))
+    return facets_of(body, longest * scene.wavelength_m, np.flatnonzero(front))

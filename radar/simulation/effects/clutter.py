@@ -10,6 +10,7 @@ from handbench.radar.simulation.scene import CENTRE_M, Body
 from handbench.radar.simulation.scene_echoes import Echoes, front_facets
 from handbench.support.rays import Rays
 
+LONGEST = 0.5  # edge of a facet, wavelengths
 NODES_M = 0.03  # between the antennas of a line for which the target's shadow is computed
 
 
@@ -33,7 +34,7 @@ def room_echoes(echoes: Echoes, target: Body | None) -> np.ndarray:
     rays = _rays([*scene.room, *([] if target is None else [target])])
     samples = np.zeros((len(scene.frequencies_hz), *array.channels), np.complex64)
     for body in scene.room:
-        facets = front_facets(scene, body)
+        facets = front_facets(scene, body, LONGEST)
         if target is None or surface is None or surface.facets.sight is None:
             facets = facets.where(rays.in_sight(facets.position_m, CENTRE_M))
         else:
