@@ -21,6 +21,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from handbench.calibration.registration.rigid_fit import motion
 from handbench.calibration.transforms import Transform, adjoint
 from handbench.radar.data.depthmap import DepthMap
 from handbench.support.errors import HandbenchError
@@ -47,15 +48,16 @@ class _Pixels(NamedTuple):
     """The pixels where both radar and mesh have a depth, and the n of them that are no outliers.
 
     distance_m [ny, nx]: distance of the radar's point from the mesh along the normal, NaN for other
-    pixels; used [ny, nx]: True for the n pixels. centre_m [3], radius_m: middle and
-    root-mean-square extent of their points on the mesh. jacobian [n, 6]: J, for motions
-    [τ, ω·radius_m]. inverse [6, 6]: the pseudo-inverse of JᵀJ; free [6, k]: orthogonal directions
-    of motion, unit vectors, that the surface does not determine. Lengths are in metres."""
+    pixels; used [ny, nx]: True for the n pixels. centre_m [3]: middle of their points on the mesh;
+    to_origin [6, 6]: changes a motion [τ, ω·ρ] about it, with the points' root-mean-square extent
+    ρ, to [translation, rotation] about the origin. jacobian [n, 6]: J, for motions [τ, ω·ρ].
+    inverse [6, 6]: the pseudo-inverse of JᵀJ; free [6, k]: orthogonal directions of motion, unit
+    vectors, that the surface does not determine. Lengths are in metres."""
 
     distance_m: np.ndarray
     used: np.ndarray
     centre_m: np.ndarray
-    radius_m: float
+    to_origin: np.ndarray
     jacobian: np.ndarray
     inverse: np.ndarray
     free: np.ndarray
@@ -87,7 +89,7 @@ def refine(
     moved = start
     for _ in range(STEPS):
         step = pixels.inverse @ pixels.jacobian.T @ pixels.distance_m[pixels.used]
-        moved = replace(moved, matrix=_motion(step, pixels) @ moved.matrix)
+        moved = replace(moved, matrix=motion(pixels.to_origin @ step) @ moved.matrix)
         pixels = _pixels(mesh_depths(moved), depth)
         if np.linalg.norm(step) < STILL_M:
             break
@@ -158,21 +160,13 @@ def _pixels(z_m: np.ndarray, depth: DepthMap) -> _Pixels:
     value, vector = np.linalg.eigh(jacobian.T @ jacobian)
     held = value * CONDITION >= value[-1]
     inverse = vector[:, held] / value[held] @ vector[:, held].T
-    return _Pixels(distance_m, used, centre_m, radius_m, jacobian, inverse, vector[:, ~held])
+    to_origin = adjoint(-centre_m) @ np.diag(np.repeat([1, 1 / radius_m], 3))
+    return _Pixels(distance_m, used, centre_m, to_origin, jacobian, inverse, vector[:, ~held])
 
 
 def _pitch_m(depth: DepthMap) -> np.ndarray:
     """Return the mean distances [2] of the pixels of a depth map along y and x, metres."""
     return np.array([np.ptp(axis_m) / (len(axis_m) - 1) for axis_m in (depth.y_m, depth.x_m)])
-
-
-def _motion(step: np.ndarray, pixels: _Pixels) -> np.ndarray:
-    """Return a step [τ, ω·radius_m] as a 4×4 matrix: a rotation about the centre of the pixels,
-    followed by a translation."""
-    motion = np.eye(4)
-    motion[:3, :3] = Rotation.from_rotvec(step[3:] / pixels.radius_m).as_matrix()
-    motion[:3, 3] = pixels.centre_m + step[:3] - motion[:3, :3] @ pixels.centre_m
-    return motion
 
 
 def _variance(pixels: _Pixels, depth: DepthMap) -> float:
@@ -198,7 +192,7 @@ def _covariance(pixels: _Pixels, variance_m2: float, start: np.ndarray | None) -
     variance_m2: s²·k; start: covariance of the start."""
     if pixels.free.size and start is None:
         return None
-    to_origin = adjoint(-pixels.centre_m) @ np.diag(np.repeat([1, 1 / pixels.radius_m], 3))
+    to_origin = pixels.to_origin
     covariance: np.ndarray = variance_m2 * to_origin @ pixels.inverse @ to_origin.T
     if start is not None:
         unmoved = to_origin @ pixels.free @ pixels.free.T @ np.linalg.inv(to_origin)

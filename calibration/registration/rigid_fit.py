@@ -108,6 +108,14 @@ class Pairs:
         return np.sqrt((middle + strong) / worst) if worst > EPS * strong else np.inf
 
 
+def motion(step: np.ndarray) -> np.ndarray:
+    """Return a small motion [translation_m, rotation_rad] [6] as a matrix [4, 4]."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
+    matrix[:3, 3] = step[:3]
+    return matrix
+
+
 def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     """Fit the rigid motion from source to target points by maximum likelihood, without rejecting
     any pair, which must determine a rotation: (matrix [4, 4], covariance [6, 6] of [translation_m,
@@ -129,10 +137,7 @@ def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         factor = cho_factor(normal)
         step = cho_solve(factor, np.einsum("nia,nij,nj->a", jacobian, information, offsets))
-        change = np.eye(4)
-        change[:3, :3] = Rotation.from_rotvec(step[3:]).as_matrix()
-        change[:3, 3] = extent_m * step[:3]
-        matrix = change @ matrix
+        matrix = motion(units @ step) @ matrix
         if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
             break
     distances = near.distances(matrix)
