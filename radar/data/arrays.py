@@ -34,6 +34,10 @@ class Leg:
     passes: int
     channels: np.ndarray
 
+    def only(self, index: np.ndarray) -> "Leg":
+        """Return the leg with only the antennas at these indices [k]."""
+        return Leg(self.position_m[index], self.passes, self.channels[index])
+
     def lengths_m(self, point_m: np.ndarray) -> np.ndarray:
         """Compute the length of this leg of the path via a point [3], metres, for each antenna:
         [n]."""

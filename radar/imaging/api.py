@@ -19,7 +19,7 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.cpu import executor as cpu
 from handbench.radar.imaging.device import Array, current_device, to_host
 from handbench.radar.imaging.gpu import executor as gpu
-from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.plan import (
     COARSER,
     GridPlan,
@@ -122,9 +122,10 @@ def project_volume(
     aperture: Aperture,
     grid: VoxelGrid,
     tolerance: float | None,
-) -> Peaks:
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the strongest voxel along z for each pixel of a volume, argmax_z |O(x, y, z)| with the
-    coherent sum O of `image_volume`: its index and magnitudes, as `Peaks`.
+    coherent sum O of `image_volume`: (its index along z [ny, nx], magnitudes |O| of the voxel
+    before it, of itself and of the voxel behind it [3, ny, nx], NaN beyond the volume).
 
     samples: S, complex [f, t, r] of an AntennaArray, [f, n] of AntennaPairs.
     tolerance: largest relative L2 error, 1e-6 to 0.1, with which the volume is never stored as a
@@ -135,7 +136,7 @@ def project_volume(
     if tolerance is None:
         return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
     plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, False))
-    peaks: Peaks = _engine().project(
+    peaks: tuple[np.ndarray, np.ndarray] = _engine().project(
         plan, *_node_images(plan, samples, frequencies_hz, aperture, grid.z_m)
     )
     return peaks

@@ -1,8 +1,5 @@
 """The strongest voxels along z of a volume, from which projections compute their depths."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,33 +8,17 @@ from handbench.radar.imaging.device import Array
 from handbench.support.compiled import FAST, njit
 
 
-@dataclass(frozen=True)
-class Peaks:
-    """The strongest voxel along z for each pixel of a volume O, argmax_z |O(x, y, z)|.
-
-    index [ny, nx]: index of this voxel along z. magnitude [3, ny, nx]: magnitudes |O| of the voxel
-    before it, of itself and of the voxel behind it (NaN beyond the volume).
-    """
-
-    index: np.ndarray
-    magnitude: np.ndarray
-
-    @classmethod
-    def empty(cls, shape: tuple[int, ...]) -> Peaks:
-        """Return peaks for pixels of `shape` [ny, nx] whose arrays are allocated but not yet
-        filled."""
-        return cls(np.empty(shape, np.int64), np.empty((3, *shape), np.float32))
-
-
-def strongest_voxels(volume: Array, xp: Any = np) -> Peaks:
+def strongest_voxels(volume: Array, xp: Any = np) -> tuple[Array, Array]:
     """Find the strongest voxel along z for each pixel of a complex volume O [nz, ny, nx], argmax_z
-    |O|, with the array module xp (numpy or cupy)."""
+    |O|, with the array module xp (numpy or cupy): (its index along z [ny, nx], magnitudes |O| of
+    the voxel before it, of itself and of the voxel behind it [3, ny, nx], NaN beyond the volume).
+    """
     power = volume.real**2 + volume.imag**2
     index, last = power.argmax(axis=0), len(power) - 1
     around = xp.stack([index - 1, index, index + 1])
     magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
     magnitude[(around < 0) | (around > last)] = np.nan
-    return Peaks(index, magnitude)
+    return index, magnitude
 
 
 @njit(**FAST)

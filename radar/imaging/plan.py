@@ -22,7 +22,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import Array, cis, distances
-from handbench.radar.imaging.skeleton import Resampler, resampler_for_channels
+from handbench.radar.imaging.skeleton import resampler_for_channels
 from handbench.radar.imaging.tree import (
     DIRECT,
     Box,
@@ -150,7 +150,7 @@ class TreePlan:
 
 class GridPlan:
     """The coarse grid of nodes that is imaged in place of a voxel grid, and the interpolation
-    (`Resampler`) from the nodes to all voxels along x, y and z.
+    from the nodes to all voxels. weights: of the interpolation along x, y and z (`resampler`).
 
     planes: the plan serves any single plane between the grid's first and last z. tree: plan for
     imaging the nodes; None if they are summed exactly, because choosing few tones and antennas
@@ -178,8 +178,8 @@ class GridPlan:
         antennas_m = np.concatenate([leg.position_m for leg in aperture.legs])
         array_m = (antennas_m.min(axis=0), antennas_m.mean(axis=0), antennas_m.max(axis=0))
         places_m = np.clip([low_m, (low_m + high_m) / 2, high_m, *array_m], low_m, high_m)
-        self.x, self.y, self.z = (
-            Resampler(axis, np.ones((1, 1), np.float32))
+        resamplers = (
+            (axis, np.ones((1, 1), np.float32))
             if planes and axis is grid.z_m
             else resampler_for_channels(
                 axis,
@@ -190,7 +190,8 @@ class GridPlan:
             for along, (axis, half) in enumerate(zip(axes, (high - low) / 2, strict=True))
         )
         self.grid, self.planes, self.family = grid, planes, family
-        self.nodes = VoxelGrid(self.x.nodes_m, self.y.nodes_m, self.z.nodes_m)
+        nodes_m, self.weights = zip(*resamplers, strict=True)
+        self.nodes = VoxelGrid(*nodes_m)
         along_x = self.nodes.shape[0] * self.nodes.shape[1] * len(grid.x_m)
         images = len(frequencies_hz) if family.per_tone else 1
         needed = images * (NODE_BYTES * int(np.prod(self.nodes.shape)) + 8 * along_x)

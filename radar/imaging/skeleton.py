@@ -9,7 +9,6 @@ sinc) has three times larger errors there.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -89,20 +88,13 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
     return index, factor
 
 
-class Resampler(NamedTuple):
-    """Interpolation along an axis: fine values = weights · node values.
-
-    nodes_m [n]: the coarse nodes; weights [fine, n]: float32.
-    """
-
-    nodes_m: np.ndarray
-    weights: np.ndarray
-
-
-def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampler:
+def resampler(
+    fine_m: np.ndarray, half_band: float, tolerance: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the interpolation to samples at fine_m [n] (ascending, metres) from as few nodes as
     possible, such that every wave e^{jwx}, |w| ≤ half_band (rad/m), has a relative L2 error of at
-    most `tolerance`. If that saves nothing, the samples themselves are the nodes.
+    most `tolerance`: (nodes [n], metres; float32 weights [fine, n], fine values = weights · node
+    values). If that saves nothing, the samples themselves are the nodes.
 
     The search begins at the number of degrees of freedom that such waves have at this error
     (Slepian 1983); fewer nodes are hardly ever enough.
@@ -118,9 +110,9 @@ def resampler(fine_m: np.ndarray, half_band: float, tolerance: float) -> Resampl
             amplification <= AMPLIFICATION
             and _misfit(fine_m, nodes_m, weights, half_band) <= tolerance
         ):
-            return Resampler(nodes_m, weights)
+            return nodes_m, weights
         intervals += max(intervals // 60, 1)
-    return Resampler(fine_m, np.eye(len(fine_m), dtype=np.float32))
+    return fine_m, np.eye(len(fine_m), dtype=np.float32)
 
 
 def resampler_for_channels(
@@ -128,7 +120,7 @@ def resampler_for_channels(
     half_band: float,
     tolerance: float,
     channels: Callable[[np.ndarray], np.ndarray],
-) -> Resampler:
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the interpolation of `resampler` for a band that is so wide that single channels, too,
     have a relative L2 error of at most SINGLE · tolerance.
 
@@ -138,10 +130,10 @@ def resampler_for_channels(
     """
     fine = channels(fine_m)
     while True:
-        found = resampler(fine_m, half_band, tolerance)
-        regained = np.tensordot(found.weights, channels(found.nodes_m), 1)
+        nodes_m, weights = resampler(fine_m, half_band, tolerance)
+        regained = np.tensordot(weights, channels(nodes_m), 1)
         if (np.abs(regained - fine) ** 2).mean(axis=(0, 1)).max() <= (SINGLE * tolerance) ** 2:
-            return found
+            return nodes_m, weights
         half_band *= BAND_STEP
 
 

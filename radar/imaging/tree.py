@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture, Leg
 from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 
@@ -75,33 +75,15 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LocalLeg:
-    """The antennas of one leg of the paths (all transmitters, or all receivers) that a box of the
-    tree keeps.
-
-    position_m [n, 3]; number [n]: index of each among all transmitters or receivers; passes: how
-    often a path goes between target and antenna (2 for a planar scan, there and back); length_m
-    [n]: passes times the distance from the antenna to the box's centre, the path whose phase is
-    removed from the box's samples (0 in the root of the tree).
-    """
-
-    position_m: np.ndarray
-    passes: int
-    length_m: np.ndarray
-    number: np.ndarray
-
-    def only(self, index: np.ndarray, length_m: np.ndarray) -> "LocalLeg":
-        """Return the leg with only the antennas at these indices [k]. length_m [n]: new path
-        lengths of all its antennas to a box's centre, of which theirs are kept."""
-        return LocalLeg(self.position_m[index], self.passes, length_m[index], self.number[index])
-
-
-@dataclass(frozen=True)
 class Node:
     """A box of the tree with the tones and antennas that it keeps, and the weights that combine the
     samples of its parent box into its own.
 
-    turns_per_m [k]: f/c of the kept tones; legs: the kept transmitters and the kept receivers.
+    turns_per_m [k]: f/c of the kept tones; legs: the kept transmitters and the kept receivers;
+    numbers, for both [n]: index of each among all of the aperture; lengths_m, for both [n]: the
+    path on this leg from each to the box's centre, whose phase is removed from the box's samples (0
+    in the root of the tree).
+
     tone_weights [k, parent's k] and, for transmitters and receivers, leg_weights [n, parent's n]
     are real; empty weights mean that all tones or antennas are kept. shifts_m, for transmitters and
     receivers [parent's n]: path lengths whose phase is applied to the parent's samples first, to
@@ -110,7 +92,9 @@ class Node:
 
     box: Box
     turns_per_m: np.ndarray
-    legs: tuple[LocalLeg, ...]
+    legs: tuple[Leg, ...]
+    numbers: tuple[np.ndarray, ...]
+    lengths_m: tuple[np.ndarray, ...]
     tone_weights: np.ndarray
     leg_weights: tuple[np.ndarray, ...]
     shifts_m: tuple[np.ndarray, ...]
@@ -123,9 +107,10 @@ class Node:
 
     @cached_property
     def place(self) -> tuple[Any, ...]:
-        """Centre, tones and, for each leg, (length_m, position_m) of its antennas, for compiled
+        """Centre, tones and, for each leg, (lengths, positions) of its antennas, for compiled
         code."""
-        legs = ((leg.length_m, leg.position_m) for leg in self.legs)
+        positions = (leg.position_m for leg in self.legs)
+        legs = zip(self.lengths_m, positions, strict=True)
         return (self.box.centre_m, self.turns_per_m, *legs)
 
 
@@ -148,12 +133,12 @@ class NodeStack(NamedTuple):
 def stack(nodes: list[Node]) -> NodeStack:
     """Stack nodes as arrays, for compiled code and for devices."""
     tones = [len(node.turns_per_m) for node in nodes]
-    antennas = [[len(node.legs[leg].length_m) for node in nodes] for leg in (0, 1)]
+    antennas = [[len(node.numbers[leg]) for node in nodes] for leg in (0, 1)]
     legs = tuple(
         (
             _stacked_weights([node.leg_weights[leg] for node in nodes], antennas[leg]),
             _padded([node.shifts_m[leg] for node in nodes]),
-            _padded([node.legs[leg].length_m for node in nodes]),
+            _padded([node.lengths_m[leg] for node in nodes]),
             _padded([node.legs[leg].position_m for node in nodes]),
         )
         for leg in (0, 1)
@@ -211,15 +196,20 @@ def needs_direct_sum(aperture: Aperture) -> bool:
 def root_node(frequencies_hz: np.ndarray, aperture: Aperture) -> Node:
     """Return the root of the tree of boxes: it keeps all tones and antennas, and no phase is
     removed from its samples."""
-    counted = [(leg, len(leg.position_m)) for leg in aperture.legs]
-    legs = tuple(
-        LocalLeg(leg.position_m, leg.passes, np.zeros(n), np.arange(n)) for leg, n in counted
-    )
+    numbers = tuple(np.arange(len(leg.position_m)) for leg in aperture.legs)
+    lengths_m = tuple(np.zeros(len(number)) for number in numbers)
     nothing = np.zeros((0, 0), np.float32)
     everywhere = Box(np.full(3, -np.inf), np.full(3, np.inf))
     turns_per_m = np.asarray(frequencies_hz, np.float64) / SPEED_OF_LIGHT_M_S
     return Node(
-        everywhere, turns_per_m, legs, nothing, (nothing, nothing), (np.zeros(0), np.zeros(0))
+        everywhere,
+        turns_per_m,
+        aperture.legs,
+        numbers,
+        lengths_m,
+        nothing,
+        (nothing, nothing),
+        (np.zeros(0), np.zeros(0)),
     )
 
 
@@ -232,15 +222,15 @@ def child_node(parent: Node, box: Box, family: Family, keep_antennas: bool = Fal
     lengths = [
         leg.passes * _distances(leg.position_m, box.centre_m[None])[:, 0] for leg in parent.legs
     ]
-    shifts = tuple(length - leg.length_m for length, leg in zip(lengths, parent.legs, strict=True))
+    shifts = tuple(map(np.subtract, lengths, parent.lengths_m))
     tones, tone_weights = _tones(parent, box, lengths, family)
     turns_per_m = parent.turns_per_m[tones]
-    legs, weights = [], []
-    for leg, length in zip(parent.legs, lengths, strict=True):
-        index, leg_weights = _antennas(leg, box, turns_per_m, family, keep_antennas)
-        legs.append(leg.only(index, length))
-        weights.append(leg_weights)
-    return Node(box, turns_per_m, tuple(legs), tone_weights, tuple(weights), shifts)
+    chosen = (_antennas(leg, box, turns_per_m, family, keep_antennas) for leg in parent.legs)
+    index, weights = zip(*chosen, strict=True)
+    legs = tuple(map(Leg.only, parent.legs, index))
+    numbers = tuple(map(np.take, parent.numbers, index))
+    lengths_m = tuple(map(np.take, lengths, index))
+    return Node(box, turns_per_m, legs, numbers, lengths_m, tone_weights, weights, shifts)
 
 
 def clusters(points_m: np.ndarray, frequencies_hz: np.ndarray) -> list[np.ndarray]:
@@ -289,7 +279,7 @@ def _tones(
 
 
 def _antennas(
-    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
+    leg: Leg, box: Box, turns_per_m: np.ndarray, family: Family, keep: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Choose the transmitters, or the receivers, whose waves give those of all others within the
     box by linear combination: (indices of the chosen, real weights [chosen, all]; with empty
@@ -335,9 +325,7 @@ def _reduced(
     return index, np.ascontiguousarray(weights, np.float32)
 
 
-def _family_skeletons(
-    leg: LocalLeg, box: Box, turns_per_m: np.ndarray, pattern: float | None
-) -> Reduce:
+def _family_skeletons(leg: Leg, box: Box, turns_per_m: np.ndarray, pattern: float | None) -> Reduce:
     """Return the function tolerance → (indices, weights [chosen, n]) that chooses those of n
     transmitters, or receivers, whose waves represent the waves of all in a box.
 
@@ -350,10 +338,7 @@ def _family_skeletons(
             leg.position_m[:, np.argmax(np.ptp(leg.position_m, axis=0))], kind="stable"
         )
         halves = np.array_split(order, 2)
-        of_half = [
-            _family_skeletons(leg.only(half, leg.length_m), box, turns_per_m, pattern)
-            for half in halves
-        ]
+        of_half = [_family_skeletons(leg.only(half), box, turns_per_m, pattern) for half in halves]
 
         def joined(tolerance: float) -> tuple[np.ndarray, np.ndarray]:
             (first, above), (second, below) = (reduce(tolerance) for reduce in of_half)

@@ -55,12 +55,14 @@ def backprojection(capture: RadarCapture, config: Backprojection, frame: int = 0
 
     samples, frequencies_hz = capture.tones(config.frequencies_hz, frame)
     grid, samples = config.voxels, scaled_to_one(samples)
-    peaks = project_volume(samples, frequencies_hz, capture.aperture, grid, config.tolerance)
-    db, z_m = amplitude_db(peaks.magnitude[1]), grid.z_m[peaks.index]
+    index, magnitude = project_volume(
+        samples, frequencies_hz, capture.aperture, grid, config.tolerance
+    )
+    db, z_m = amplitude_db(magnitude[1]), grid.z_m[index]
     if config.subvoxel:
-        z_m = z_m + config.z.step_m * peak_offset(peaks.magnitude)
+        z_m = z_m + config.z.step_m * peak_offset(magnitude)
     seen = db >= config.threshold_db
-    at_end = seen & np.isin(peaks.index, (0, len(grid.z_m) - 1))
+    at_end = seen & np.isin(index, (0, len(grid.z_m) - 1))
     z_m, settings = np.where(seen, z_m, np.nan), config.model_dump()
     return DepthMap(grid.x_m, grid.y_m, z_m, db, "broadband", settings, wrapped=at_end)
 

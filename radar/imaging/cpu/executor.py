@@ -15,7 +15,7 @@ from handbench.radar.imaging.cpu.adjoint import radiate, to_parent
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
 from handbench.radar.imaging.cpu.forward import BLOCK, complex_samples, gather, planes, to_child
 from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
-from handbench.radar.imaging.peaks import Peaks, strongest
+from handbench.radar.imaging.peaks import strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import Node
 from handbench.support.parallel import for_each, one_blas_thread
@@ -68,7 +68,7 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
         samples = np.zeros((), np.float32)
         for i in range(len(where.leaf))[groups[cell]]:
             leaf, start, stop = plan.leaf(int(where.leaf[i])), where.starts[i], where.starts[i + 1]
-            numbers = leaf.legs[0].number, leaf.legs[1].number
+            numbers = leaf.numbers[0], leaf.numbers[1]
             inner = np.zeros((), np.float32)
             for at in range(start, stop, BLOCK):
                 here = slice(at, min(at + BLOCK, stop))
@@ -107,16 +107,19 @@ def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) 
     return volumes
 
 
-def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> Peaks:
+def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
-    at the nodes give by interpolation, without storing the volume."""
-    peaks = Peaks.empty(plan.grid.shape[1:])
+    at the nodes give by interpolation, without storing the volume: (index, magnitude) as of
+    `strongest_voxels`."""
+    shape = plan.grid.shape[1:]
+    index = np.empty(shape, np.int64)
+    magnitude = np.empty((3, *shape), np.float32)
 
     def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-        strongest(re, im, peaks.index[rows], peaks.magnitude[:, rows])
+        strongest(re, im, index[rows], magnitude[:, rows])
 
     _upsample(plan, nodes, images, keep)
-    return peaks
+    return index, magnitude
 
 
 def _upsample(
@@ -129,8 +132,9 @@ def _upsample(
     result on in pieces: keep(image, rows, re, im) with the index of the image, a slice along y, and
     real and imaginary parts [nz, rows, nx]."""
     count, nz, ny, _ = images.shape
-    nx = len(plan.grid.x_m)
-    at_once = max(VOXELS // (nx * len(plan.z.weights)), 1)
+    of_x, of_y, of_z = plan.weights
+    nx = len(of_x)
+    at_once = max(VOXELS // (nx * len(of_z)), 1)
     most = max(ROWS, at_once)
     along_x = np.empty((count, 2, nz, ny, nx), np.float32)
 
@@ -139,22 +143,21 @@ def _upsample(
         piece = images[image, z, rows]
         envelope = np.empty((2, *piece.shape), np.float32)
         take_carrier_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope)
-        along_x[image, :, z, rows] = envelope @ plan.x.weights.T
+        along_x[image, :, z, rows] = envelope @ of_x.T
 
     def heighten(part: tuple[int, int]) -> None:
         image, first = part
-        block = np.matmul(plan.y.weights[first : first + most], along_x[image])
+        block = np.matmul(of_y[first : first + most], along_x[image])
         for start in range(0, block.shape[2], at_once):
             piece = block[:, :, start : start + at_once]
             re, im = (
-                (plan.z.weights @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:])
-                for plane in piece
+                (of_z @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece
             )
             keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
 
     halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
     for_each(widen, list(product(range(count), range(nz), halves)))
-    for_each(heighten, list(product(range(count), range(0, len(plan.y.weights), most))))
+    for_each(heighten, list(product(range(count), range(0, len(of_y), most))))
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:

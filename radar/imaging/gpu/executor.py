@@ -10,11 +10,10 @@ An exact image is one batch of complex products per block of points, one product
 scan is treated as an array with a single receiver that the path does not pass.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from types import ModuleType
-from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -22,15 +21,8 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
-from handbench.radar.imaging.gpu.levels import (
-    LeafAntennas,
-    Level,
-    descend,
-    leaf_antennas,
-    level,
-    waves,
-)
-from handbench.radar.imaging.peaks import Peaks, strongest_voxels
+from handbench.radar.imaging.gpu.levels import leaf_legs, level, waves
+from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import stack
 from handbench.support.parallel import for_each
@@ -44,47 +36,33 @@ POINT_BYTES = 48
 VOXEL_BYTES = 64  # per voxel of a piece: both planes, and their magnitude or carrier
 
 
-class Batch(NamedTuple):
-    """Points that are imaged together on the device: n pieces of up to p points, each piece within
-    one leaf (smallest box of the plan).
-
-    leaf [n]: row of each piece's leaf; point [n, p]: index of each point among the sorted points;
-    target [n, p]: column of the images to which its value is written. Points that only fill up a
-    piece are written to one extra column.
-    """
-
-    leaf: Array
-    point: Array
-    target: Array
-
-
 @dataclass(frozen=True, eq=False)
 class DevicePoints:
     """Points that a plan has sorted, and the plan's boxes that contain them, on the device.
 
-    points_m [3, n]; levels: the whole box, its cells and their leaves; antennas: those of the
-    leaves; passes [2]: how often the path passes each leg; batches: the points to image.
+    points_m [3, n]; levels: functions that compute the samples of the whole box, of its cells and
+    of their leaves, each from those of the level above; turns_per_m, legs: the leaves' tones [n, k]
+    and antennas (`levels.leaf_legs`); batches: the points to image (`_batches`).
     """
 
     xp: ModuleType
     points_m: Array
-    levels: list[Level]
-    antennas: LeafAntennas
-    passes: np.ndarray
-    batches: list[Batch]
+    levels: list[Callable[[Array], Array]]
+    turns_per_m: Array
+    legs: list[tuple[float, Array, Array]]
+    batches: list[tuple[Array, Array, Array]]
 
     @property
     def wave_bytes(self) -> int:
         """Memory of the factors of all points (`waves`)."""
-        tones = self.antennas.turns_per_m.shape[1]
-        length = sum(length_m.shape[1] for _, length_m in self.antennas.legs)
-        return 8 * tones * length * sum(batch.point.size for batch in self.batches)
+        tones = self.turns_per_m.shape[1]
+        length = sum(length_m.shape[1] for *_, length_m in self.legs)
+        return 8 * tones * length * sum(point.size for _, point, _ in self.batches)
 
     def waves(self) -> Iterator[tuple[Array, Array]]:
         """Compute the factors of each batch (`levels.waves`)."""
-        for batch in self.batches:
-            points_m = self.points_m[:, batch.point]
-            yield waves(self.xp, self.antennas, self.passes, batch.leaf, points_m)
+        for leaf, point, _ in self.batches:
+            yield waves(self.xp, self.turns_per_m, self.legs, leaf, self.points_m[:, point])
 
 
 @lru_cache(maxsize=1)
@@ -132,11 +110,14 @@ def _grouped(plan: TreePlan, where: SortedPoints) -> DevicePoints:
         level(xp, cells, top.turns_per_m, np.zeros(len(groups), int)),
         level(xp, leaves, cells.turns_per_m, parent),
     ]
-    antennas = leaf_antennas(xp, leaves, plan)
-    length = sum(length_m.shape[1] for _, length_m in antennas.legs)
-    point_bytes = length * (WAVE_BYTES * antennas.turns_per_m.shape[1] + PATH_BYTES)
-    batches = [Batch(*map(xp.asarray, batch)) for batch in _batches(where, point_bytes)]
-    return DevicePoints(xp, xp.asarray(where.points_m), levels, antennas, plan.passes, batches)
+    turns_per_m, legs = xp.asarray(leaves.turns_per_m), leaf_legs(xp, leaves, plan)
+    length = sum(length_m.shape[1] for *_, length_m in legs)
+    point_bytes = length * (WAVE_BYTES * turns_per_m.shape[1] + PATH_BYTES)
+    batches = [
+        (xp.asarray(leaf), xp.asarray(point), xp.asarray(target))
+        for leaf, point, target in _batches(where, point_bytes)
+    ]
+    return DevicePoints(xp, xp.asarray(where.points_m), levels, turns_per_m, legs, batches)
 
 
 def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> Array:
@@ -147,16 +128,16 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> Array:
     xp, count = placed.xp, placed.points_m.shape[1]
     whole = samples.reshape(1, len(samples), samples.shape[1], -1)
     below = xp.asarray(whole, dtype=np.complex64)
-    for boxes in placed.levels:
-        below = descend(xp, boxes, below)
+    for descend in placed.levels:
+        below = descend(below)
     images = xp.empty((len(samples) if per_tone else 1, count + 1), np.complex64)
     kept = placed.wave_bytes <= KEPT_BYTES
     of_batches = _kept_waves(placed) if kept else placed.waves()
-    for batch, (wave_a, wave_b) in zip(placed.batches, of_batches, strict=True):
-        received = xp.matmul(below[batch.leaf].swapaxes(2, 3), wave_a)
+    for (leaf, _, target), (wave_a, wave_b) in zip(placed.batches, of_batches, strict=True):
+        received = xp.matmul(below[leaf].swapaxes(2, 3), wave_a)
         received *= wave_b
         tones = received.sum(axis=2)
-        images[:, batch.target] = tones.swapaxes(0, 1) if per_tone else tones.sum(axis=1)[None]
+        images[:, target] = tones.swapaxes(0, 1) if per_tone else tones.sum(axis=1)[None]
     return images[:, :-1]
 
 
@@ -175,23 +156,23 @@ def volume(plan: GridPlan, nodes: VoxelGrid, images: Array, carrier: bool) -> np
     return volumes
 
 
-def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> Peaks:
+def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> tuple[np.ndarray, np.ndarray]:
     """Find the strongest voxel along z for each pixel of the volume that the images [1, nz, ny, nx]
-    at the nodes, on the device, give by interpolation, without storing the volume."""
-    xp = array_module()
-    peaks = Peaks.empty(plan.grid.shape[1:])
-    for rows, voxels in _upsampled(plan, nodes, images[0]):
-        found = strongest_voxels(voxels, xp)
-        peaks.index[rows] = to_host(found.index)
-        peaks.magnitude[:, rows] = to_host(found.magnitude)
-    return peaks
+    at the nodes, on the device, give by interpolation, without storing the volume: (index,
+    magnitude) as of `strongest_voxels`, on the host."""
+    parts = [
+        [to_host(part) for part in strongest_voxels(voxels, array_module())]
+        for _, voxels in _upsampled(plan, nodes, images[0])
+    ]
+    index, magnitude = zip(*parts, strict=True)
+    return np.concatenate(index), np.concatenate(magnitude, axis=1)
 
 
 def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple[slice, Array]]:
     """Interpolate an image [nz, ny, nx] at the nodes to all voxels, without its carrier, and yield
     the result in pieces: (slice along y, complex64 [nz, rows, nx])."""
     xp = array_module()
-    of_x, of_y, of_z = (xp.asarray(axis.weights) for axis in (plan.x, plan.y, plan.z))
+    of_x, of_y, of_z = map(xp.asarray, plan.weights)
     envelope = image * plan.carrier_at(nodes, xp).conj()
     along_x = xp.matmul(xp.stack([envelope.real, envelope.imag]), of_x.T)
     # real and imaginary parts in turn, as in memory: the weights are real
@@ -205,12 +186,16 @@ def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple
         yield rows, voxels.reshape(-1, *block.shape[1:]).view(np.complex64)
 
 
-def _batches(where: SortedPoints, point_bytes: int) -> Iterator[Batch]:
-    """Group the points of leaves into batches of pieces, as numpy arrays, the largest pieces first.
-    The pieces of a batch have similar sizes, so that few copies of a piece's last point are needed
-    to fill them up to equal size.
+def _batches(
+    where: SortedPoints, point_bytes: int
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Group the points of leaves into batches of n pieces of up to p points, the largest pieces
+    first: (row of each piece's leaf [n], index of each point among the sorted points [n, p], column
+    of the images to which its value is written [n, p]).
 
-    point_bytes: memory needed per point, which limits the size of a batch.
+    The pieces of a batch have similar sizes, so that few copies of a piece's last point are needed
+    to fill them up to equal size; these are written to one extra column. point_bytes: memory needed
+    per point, which limits the size of a batch.
     """
     starts, order, counts = where.starts, where.order, np.diff(where.starts)
     pieces = -(-counts // PIECE)
@@ -225,7 +210,7 @@ def _batches(where: SortedPoints, point_bytes: int) -> Iterator[Batch]:
         now, largest_first = np.split(largest_first, [most])
         index, last = first[now, None] + np.arange(widest), end[now, None] - 1
         target = np.where(index <= last, order[np.minimum(index, last)], len(order))
-        yield Batch(leaf[now], np.minimum(index, last), target)
+        yield leaf[now], np.minimum(index, last), target
 
 
 def exact_images(

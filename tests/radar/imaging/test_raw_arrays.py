@@ -33,7 +33,7 @@ def images(samples):
         yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance)
         yield image_points(samples, TONES_HZ, ARRAY, POINTS_M, tolerance, per_tone=True)
         yield image_volume(samples, TONES_HZ, ARRAY, GRID, tolerance)
-        yield project_volume(samples, TONES_HZ, ARRAY, GRID, tolerance).magnitude
+        yield project_volume(samples, TONES_HZ, ARRAY, GRID, tolerance)[1]
 
 
 def test_ordinary_samples_keep_their_type_and_zeros_are_zeros():

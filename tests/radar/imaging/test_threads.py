@@ -26,7 +26,7 @@ def test_threads_change_no_bit_of_echoes_tones_and_projections(tolerance, monkey
             echoes = simulate(facets, TONES_HZ, qar50(), tolerance=tolerance)
             tones = tone_images(echoes, TONES_HZ, qar50(), POINTS_M)
             peaks = project_volume(echoes, TONES_HZ, qar50(), grid, tolerance)
-        found.append((echoes, tones, *vars(peaks).values()))
+        found.append((echoes, tones, *peaks))
     for others in found[1:]:
         for a, b in zip(found[0], others, strict=True):
             np.testing.assert_array_equal(a, b)
