@@ -25,7 +25,7 @@ from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_fold
 from handbench.bench.pipeline.image import configured
 from handbench.bench.stages.reconstruct import DEPTH, SOURCES, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import GridConfig, PixelGrid
+from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -159,7 +159,7 @@ def _save(folder: Path, depth: DepthMap, seconds: list[float]) -> None:
     files that handbench's own methods write.
     The maps under equal treatment (same smoothing for all methods) are made by smoothing `depth`;
     smoothing by the foreign method itself cannot be undone. seconds: may be empty."""
-    write_treated(folder, lambda settings: depth, GridConfig(), depth)
+    write_treated(folder, lambda settings: depth, MethodSettings(), depth)
     depth.save(folder / DEPTH)
     write_json(folder / TIMING, {"seconds": seconds})
 

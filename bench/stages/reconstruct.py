@@ -19,7 +19,6 @@ from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.pipeline.image import configuration, prepare
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.data.grid import GridConfig
 from handbench.radar.imaging.device import use_device
 from handbench.radar.methods.pixels import masked_mean
 from handbench.radar.methods.registry import method
@@ -273,7 +272,7 @@ def timed(seconds: list[float]) -> Iterator[None]:
 
 
 def write_treated(
-    folder: Path, image: Callable[[Any], DepthMap], settings: GridConfig, own: DepthMap
+    folder: Path, image: Callable[[Any], DepthMap], settings: MethodSettings, own: DepthMap
 ) -> None:
     """Write a method's depth maps under every equal treatment (same smoothing for all methods) to
     the file treated.npz: treatment → depths [ny, nx] above the method's own threshold, metres.

@@ -1,8 +1,6 @@
 """Pixel and voxel grids: regular axes in the radar frame, metres."""
 
-import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,7 +10,6 @@ from handbench.support.config import Config, Near
 from handbench.support.errors import HandbenchError
 
 MOST_ON_AXIS = 10_000  # samples
-MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper's; 1.6 GB
 
 
 class Axis(Config):
@@ -54,23 +51,6 @@ class Axis(Config):
         step divides the range; else the last one is before it."""
         # −0.098, not −0.09799999999999999
         return np.round(self.start_m + self.step_m * np.arange(self.count), 12)
-
-
-class GridConfig(Config):
-    """Base class of configurations with axes: x and y of pixels, or x, y and z of voxels. More than
-    MOST_PIXELS pixels or MOST_VOXELS voxels are an error."""
-
-    @model_validator(mode="after")
-    def _bounded(self) -> Self:
-        axes = {name: axis for name in "xyz" if isinstance(axis := getattr(self, name, None), Axis)}
-        count = math.prod(axis.count for axis in axes.values())
-        most = MOST_VOXELS if "z" in axes else MOST_PIXELS
-        if count > most:
-            raise ValueError(
-                f"the axes {', '.join(axes)} make {count} points, more than {most}; take larger "
-                "steps"
-            )
-        return self
 
 
 @dataclass(frozen=True)

@@ -89,50 +89,34 @@ def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> 
     """Compute the depth map of a frame by an FSK method, with predicted 1σ and flags for pixels
     that may be wrong. With config.drop_doubtful, flagged pixels become NaN after each imaging
     step."""
-    uncertainty = Uncertainty()
-    depth, _ = fsk(capture, config, frame, on_step=uncertainty.add)
-    return uncertainty.added_to(depth)
+    wrapped = np.zeros(config.pixels.shape, bool)
+    # quadrature steps of the last imaging step, filtered like its depths
+    error_m = np.zeros(wrapped.shape)
+    last: FskStep | None = None
 
-
-class Uncertainty:
-    """Predicted errors and flags of a depth map, built up from the imaging steps of an FSK method:
-    call `add` after each step in order, then `added_to`.
-
-    error_m [ny, nx]: quadrature steps of the last imaging step, filtered like its depths; wrapped
-    [ny, nx]: True at pixels that may be off by a period.
-    """
-
-    step: FskStep | None = None
-    error_m: np.ndarray
-    wrapped: np.ndarray
-
-    def add(self, step: FskStep) -> np.ndarray:
-        """Update errors and flags with the next imaging step, and return its depths [ny, nx],
-        metres: NaN off target and, with config.drop_doubtful, at flagged pixels."""
-        if self.step is None:
-            self.wrapped = doubtful_on_plane(step)
+    def add(step: FskStep) -> np.ndarray:
+        nonlocal wrapped, error_m, last
+        if last is None:
+            wrapped = doubtful_on_plane(step)
         else:
-            if len(step.images) > len(self.step.images):
-                self.error_m = self.step.filtered(self.error_m)
-            sigma_m = spread_m(self.error_m, self.step.amplitude)
-            self.wrapped = self.wrapped | may_wrap(step, sigma_m)
-        self.step, self.error_m = step, quadrature_m(step)
-        if not step.echoes.config.drop_doubtful:
+            if len(step.images) > len(last.images):
+                error_m = last.filtered(error_m)
+            wrapped = wrapped | may_wrap(step, spread_m(error_m, last.amplitude))
+        last, error_m = step, quadrature_m(step)
+        if not config.drop_doubtful:
             return step.z_m
-        self.error_m[self.wrapped] = np.nan
-        return np.where(self.wrapped, np.nan, step.z_m)
+        error_m[wrapped] = np.nan
+        return np.where(wrapped, np.nan, step.z_m)
 
-    def added_to(self, depth: DepthMap) -> DepthMap:
-        """Return the final depth map with sigma_m, the predicted 1σ, and `wrapped`, the flags."""
-        step = self.step
-        assert step is not None
-        sigma_m = np.fmax(
-            spread_m(step.filtered(self.error_m), step.amplitude),
-            speckle_m(step.z_m, depth.z_m, step.amplitude),
-        )
-        if len(step.again):
-            depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth))
-        return replace(depth, sigma_m=sigma_m, wrapped=self.wrapped)
+    depth, steps = fsk(capture, config, frame, on_step=add)
+    step = steps[-1]
+    sigma_m = np.fmax(
+        spread_m(step.filtered(error_m), step.amplitude),
+        speckle_m(step.z_m, depth.z_m, step.amplitude),
+    )
+    if len(step.again):
+        depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth))
+    return replace(depth, sigma_m=sigma_m, wrapped=wrapped)
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:

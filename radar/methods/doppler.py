@@ -36,13 +36,12 @@ SAME = 1e-9  # relative difference of two frequencies that are one tone
 class Repetition(NamedTuple):
     """A tone that is measured twice in a frame.
 
-    tone: its index k among the method's tones; measured [2]: indices of its first and its last
-    measurement among the capture's tones; limit_m_s: largest unambiguous velocity c/(4f_k T);
-    share [f]: f_i t_i/(f_k T) of the method's tones, the motion's phase of each tone at its time
-    t_i relative to that of the repeated tone after T.
+    measured [2]: indices of its first and its last measurement among the capture's tones;
+    limit_m_s: largest unambiguous velocity c/(4f_k T); share [f]: f_i t_i/(f_k T) of the method's
+    tones, the motion's phase of each tone at its time t_i relative to that of the repeated tone
+    after T.
     """
 
-    tone: int
     measured: np.ndarray
     limit_m_s: float
     share: np.ndarray
@@ -70,14 +69,14 @@ def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:
             "times_s: are missing, but a velocity needs the time of every tone; add times_s "
             f"[frequency] in seconds to the echoes, {without}"
         )
-    for tone, first in enumerate(index):
+    for first in index:
         same = np.isclose(capture.frequencies_hz, capture.frequencies_hz[first], SAME, 0)
         last = int(np.where(same, times_s, -np.inf).argmax())
         if (interval_s := float(times_s[last] - times_s[first])) > 0:
             f, f_k = capture.vacuum_hz[index], float(capture.vacuum_hz[first])
             share = f * (times_s[index] - times_s.min()) / (f_k * interval_s)
             limit_m_s = SPEED_OF_LIGHT_M_S / (4 * f_k * interval_s)
-            return Repetition(tone, np.array([first, last]), limit_m_s, share)
+            return Repetition(np.array([first, last]), limit_m_s, share)
     tones_ghz = ", ".join(f"{hz / 1e9:.4g}" for hz in capture.frequencies_hz[index])
     raise HandbenchError(
         f"frequencies: none of the method's tones ({tones_ghz} GHz) is measured at two times "

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from typing import Annotated, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
-from handbench.radar.data.grid import MOST_ON_AXIS, Axis, GridConfig, PixelGrid
+from handbench.radar.data.grid import MOST_ON_AXIS, Axis, PixelGrid
 from handbench.support.config import Config, Tone
 
+MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper's; 1.6 GB
 LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)  # the paper's
 
 
@@ -33,8 +35,9 @@ class Sweep(Config):
     count: int = Field(default=128, ge=2, le=100_000)
 
 
-class MethodSettings(GridConfig):
-    """Settings that all methods have."""
+class MethodSettings(Config):
+    """Settings that all methods have. More than MOST_PIXELS pixels, or MOST_VOXELS voxels of a
+    method with an axis z, are an error."""
 
     x: Axis = Field(default=LATERAL, description="pixels")
     y: Axis = Field(default=LATERAL, description="pixels")
@@ -45,6 +48,18 @@ class MethodSettings(GridConfig):
     tolerance: float | None = Field(
         default=1e-5, gt=0, lt=1, description="relative error of the images; null: exact"
     )
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Self:
+        axes = {name: axis for name in "xyz" if isinstance(axis := getattr(self, name, None), Axis)}
+        count = math.prod(axis.count for axis in axes.values())
+        most = MOST_VOXELS if "z" in axes else MOST_PIXELS
+        if count > most:
+            raise ValueError(
+                f"the axes {', '.join(axes)} make {count} points, more than {most}; take larger "
+                "steps"
+            )
+        return self
 
     @property
     def frequencies_hz(self) -> np.ndarray:
