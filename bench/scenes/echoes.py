@@ -12,6 +12,7 @@ from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.bench.scenes.stand import PLATE_BOX_M, cuboid
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.ablation import explain
+from handbench.radar.simulation.causes import Roughness
 from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
 from handbench.radar.simulation.scene import Ball, Body, Choice, EchoScene
 from handbench.radar.simulation.selection import choose
@@ -44,7 +45,7 @@ def echo_scene(scene: Scene) -> EchoScene:
     """Convert a scene to the input of the radar simulation: array, target, balls, room, the causes
     of effects, and the tones with the time at which each is measured. The tones are in ascending
     order; if some are repeated, in the order in which they are measured."""
-    sensor = scene.file.sensor
+    sensor, target = scene.file.sensor, scene.file.target
     different_hz, order = np.unique(sensor.frequencies_hz, return_index=True)
     if len(different_hz) < len(sensor.frequencies_hz):
         order = np.arange(len(sensor.frequencies_hz))
@@ -55,7 +56,10 @@ def echo_scene(scene: Scene) -> EchoScene:
         target=_target(scene),
         balls=_balls(scene),
         room=_room(scene),
-        causes=scene.file.causes,
+        sensor=sensor,
+        noise=scene.file.noise,
+        motion=target.motion,
+        roughness=Roughness() if isinstance(target, CalibrationTarget) else target.roughness,
         seed=scene.file.seed,
         polarisation_deg=sensor.polarisation_deg,
         frame_period_s=sensor.frame_period_s,
@@ -71,7 +75,7 @@ def surfaces(
     frame, metres, and their velocities [n, 3], m/s. Its faces are those of scene.target_mesh."""
     vertices_m = np.asarray(scene.target_mesh.vertices)
     for start in frame_starts(radar_scene, frames):
-        now = (radar_scene, vertices_m, start)
+        now = (radar_scene, vertices_m, *start)
         yield surface_m(*now), velocity_m_s(*now)
 
 

@@ -11,7 +11,7 @@ from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
-from handbench.radar.simulation.causes import Causes, Motion, Noise, Roughness, SensorFaults
+from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.scene import Material
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
@@ -313,14 +313,6 @@ class SceneFile(Config):
         }
         own = {"name": name_of_person(self.name, number), "seed": self.seed + 1000 * number}
         return self.model_copy(update=own | {"target": target.model_copy(update=held)})
-
-    @property
-    def causes(self) -> Causes:
-        """The causes of effects in the echoes: noise, motion and roughness of the target, and
-        imperfections of the sensor."""
-        faults = {name: getattr(self.sensor, name) for name in SensorFaults.model_fields}
-        rough = self.target.roughness if isinstance(self.target, _Solid) else Roughness()
-        return Causes(noise=self.noise, motion=self.target.motion, roughness=rough, **faults)
 
 
 def _replaced(old: Any, new: Any) -> Any:

@@ -56,7 +56,7 @@ SHAPING: tuple[Effect, ...] = (
         "true antenna positions about the nominal ones",
         "normal errors of the given spread, drawn once per scene",
         "[sensor.positions] with sigma_m",
-        lambda scene: scene.causes.positions.sigma_m > 0,
+        lambda scene: scene.sensor.positions.sigma_m > 0,
         sensor.positions,
     ),
     Effect(
@@ -64,7 +64,7 @@ SHAPING: tuple[Effect, ...] = (
         "the antennas' directivity",
         "cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public",
         "[sensor.pattern] with beamwidth_deg",
-        lambda scene: scene.causes.pattern.beamwidth_deg is not None,
+        lambda scene: scene.sensor.pattern.beamwidth_deg is not None,
         sensor.pattern,
     ),
     Effect(
@@ -104,7 +104,7 @@ SHAPING: tuple[Effect, ...] = (
         "roughness and layer lines: facets displaced and weakened",
         "random Fourier features of a Gaussian correlation; coherent loss exp(−2k²σ²): Ament 1953",
         "[target.roughness] with rms_m or layer_depth_m",
-        lambda scene: scene.target is not None and scene.causes.roughness.sigma_m > 0,
+        lambda scene: scene.target is not None and scene.roughness.sigma_m > 0,
         target_surface.roughness,
     ),
     Effect(
@@ -130,7 +130,7 @@ RECORDING: tuple[Effect, ...] = (
         "leakage from transmitters to receivers",
         "a direct wave at the level that the scene gives",
         "[sensor.coupling] with level_db",
-        lambda scene: scene.causes.coupling.level_db is not None,
+        lambda scene: scene.sensor.coupling.level_db is not None,
         sensor.coupling,
     ),
     Effect(
@@ -146,7 +146,7 @@ RECORDING: tuple[Effect, ...] = (
         "gain, phase and delay errors of each antenna",
         "normal errors of the given spread, drawn once per scene",
         "[sensor.channels] with an error",
-        lambda scene: any(scene.causes.channels.model_dump().values()),
+        lambda scene: any(scene.sensor.channels.model_dump().values()),
         sensor.channels,
     ),
     Effect(
@@ -154,7 +154,7 @@ RECORDING: tuple[Effect, ...] = (
         "phase noise of the common oscillator",
         "range correlation, Budge & Burt 1993",
         "[sensor.oscillator] with level_dbc_hz",
-        lambda scene: scene.causes.oscillator.level_dbc_hz is not None,
+        lambda scene: scene.sensor.oscillator.level_dbc_hz is not None,
         sensor.oscillator,
     ),
     Effect(
@@ -162,7 +162,7 @@ RECORDING: tuple[Effect, ...] = (
         "thermal noise of the receivers",
         "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z",
         "[noise] with phase_noise_rad or snr_db",
-        lambda scene: scene.causes.noise.between_tones_rad > 0,
+        lambda scene: scene.noise.between_tones_rad > 0,
         sensor.noise,
     ),
     Effect(
@@ -170,7 +170,7 @@ RECORDING: tuple[Effect, ...] = (
         "quantisation and clipping by the converter",
         "white noise of step²/12 per quadrature (Widrow & Kollár 2008)",
         "[sensor.converter] with bits",
-        lambda scene: scene.causes.converter.bits is not None,
+        lambda scene: scene.sensor.converter.bits is not None,
         sensor.converter,
     ),
     Effect(
@@ -178,7 +178,7 @@ RECORDING: tuple[Effect, ...] = (
         "antennas that give nothing",
         "zeros in those channels",
         "[sensor.dead] with tx or rx",
-        lambda scene: bool(scene.causes.dead.tx or scene.causes.dead.rx),
+        lambda scene: bool(scene.sensor.dead.tx or scene.sensor.dead.rx),
         sensor.dead,
     ),
 )

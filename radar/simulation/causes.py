@@ -182,12 +182,3 @@ class SensorFaults(Config):
     channels: Channels = Channels()
     dead: Dead = Dead()
     converter: Converter = Converter()
-
-
-class Causes(SensorFaults):
-    """Causes of the effects in a scene's echoes: imperfections of the sensor, noise, and the
-    target's motion and roughness."""
-
-    noise: Noise = Noise()
-    motion: Motion = Motion()
-    roughness: Roughness = Roughness()

@@ -4,7 +4,6 @@ A hand's fingers move first, then the target turns about its pivot, then it is d
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,35 +15,24 @@ from handbench.support.errors import HandbenchError
 DIFFERENCE_S = 1e-4  # between the two times of a velocity's difference: 9 Hz err by 1e-6
 
 
-class Instant(NamedTuple):
-    """A time at which the target is looked at: time_s since its movement began, and tremor_rad, the
-    phase of its tremor when that began."""
-
-    time_s: float
-    tremor_rad: float
-
-    def after(self, time_s: float) -> "Instant":
-        """Return the instant that is time_s later."""
-        return self._replace(time_s=self.time_s + time_s)
-
-
 def moves(scene: EchoScene) -> bool:
     """Tell whether the scene's target moves."""
-    motion = scene.causes.motion
+    motion = scene.motion
     rates = (motion.amplitude_m, motion.velocity_m_s, *motion.rotation_deg_s)
     return any(rates) or scene.bent is not None
 
 
-def frame_starts(scene: EchoScene, frames: int) -> list[Instant]:
-    """Return when each frame starts. If the scene has a frame period, one movement goes on through
-    all frames; otherwise each frame has its own, with its own phase of the tremor."""
+def frame_starts(scene: EchoScene, frames: int) -> list[tuple[float, float]]:
+    """Return when each frame starts: (seconds since the movement began, phase of the tremor when
+    it began). If the scene has a frame period, one movement goes on through all frames; otherwise
+    each frame has its own, with its own phase of the tremor."""
     phases = [0.0] * frames
-    if scene.causes.motion.amplitude_m:
+    if scene.motion.amplitude_m:
         seeds = [scene.seeds("motion", 0, frame) for frame in range(frames)]
         phases = [generator(seed).uniform(0, 2 * np.pi) for seed in seeds]
     if scene.frame_period_s is None:
-        return [Instant(0.0, phase) for phase in phases]
-    return [Instant(frame * scene.frame_period_s, phases[0]) for frame in range(frames)]
+        return [(0.0, phase) for phase in phases]
+    return [(frame * scene.frame_period_s, phases[0]) for frame in range(frames)]
 
 
 def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.ndarray:
@@ -54,48 +42,54 @@ def displacement_m(motion: Motion, time_s: np.ndarray, phase_rad: float) -> np.n
     return motion.amplitude_m * sine + motion.velocity_m_s * time_s
 
 
-def moved_as_a_whole(scene: EchoScene, points_m: np.ndarray, at: Instant) -> np.ndarray:
+def moved_as_a_whole(
+    scene: EchoScene, points_m: np.ndarray, time_s: float, tremor_rad: float
+) -> np.ndarray:
     """Return where points [n, 3] of the target are after its rotation and displacement."""
-    motion = scene.causes.motion
-    turn = Rotation.from_rotvec(np.radians(motion.rotation_deg_s) * at.time_s).as_matrix()
+    motion = scene.motion
+    turn = Rotation.from_rotvec(np.radians(motion.rotation_deg_s) * time_s).as_matrix()
     from_pivot_m = points_m - (scene.origin_m + motion.pivot_m)
-    offset_m = displacement_m(motion, np.array(at.time_s), at.tremor_rad) * motion.along
+    offset_m = displacement_m(motion, np.array(time_s), tremor_rad) * motion.along
     return points_m + from_pivot_m @ (turn - np.eye(3)).T + offset_m
 
 
-def surface_m(scene: EchoScene, vertices_m: np.ndarray, at: Instant) -> np.ndarray:
+def surface_m(
+    scene: EchoScene, vertices_m: np.ndarray, time_s: float, tremor_rad: float
+) -> np.ndarray:
     """Return where the vertices [n, 3] of the target's surface are, which at time 0 are at
     vertices_m."""
-    shaped_m = vertices_m if scene.bent is None else scene.bent(at.time_s)
-    return moved_as_a_whole(scene, shaped_m, at)
+    shaped_m = vertices_m if scene.bent is None else scene.bent(time_s)
+    return moved_as_a_whole(scene, shaped_m, time_s, tremor_rad)
 
 
-def velocity_m_s(scene: EchoScene, vertices_m: np.ndarray, at: Instant) -> np.ndarray:
+def velocity_m_s(
+    scene: EchoScene, vertices_m: np.ndarray, time_s: float, tremor_rad: float
+) -> np.ndarray:
     """Return the velocities [n, 3] of these vertices, by a central difference."""
     before_m, behind_m = (
-        surface_m(scene, vertices_m, at.after(step_s))
+        surface_m(scene, vertices_m, time_s + step_s, tremor_rad)
         for step_s in (-DIFFERENCE_S / 2, DIFFERENCE_S / 2)
     )
     return (behind_m - before_m) / DIFFERENCE_S
 
 
-def scene_at(scene: EchoScene, at: Instant) -> EchoScene:
-    """Return the scene with its target where it is at an instant. Raises HandbenchError if it then
+def scene_at(scene: EchoScene, time_s: float, tremor_rad: float) -> EchoScene:
+    """Return the scene with its target where it is at a time. Raises HandbenchError if it then
     reaches behind the plane of the array."""
     balls = tuple(
-        replace(ball, centre_m=moved_as_a_whole(scene, ball.centre_m[None], at)[0])
+        replace(ball, centre_m=moved_as_a_whole(scene, ball.centre_m[None], time_s, tremor_rad)[0])
         for ball in scene.balls
     )
     target = scene.target
     if target is not None:
-        target = replace(target, vertices_m=surface_m(scene, target.vertices_m, at))
+        target = replace(target, vertices_m=surface_m(scene, target.vertices_m, time_s, tremor_rad))
     nearest_m = min(
         [ball.centre_m[2] - ball.radius_m for ball in balls]
         + ([] if target is None else [float(target.vertices_m[:, 2].min())])
     )
     if nearest_m <= 0:
         raise HandbenchError(
-            f"target.motion: after {at.time_s:.3g} s the target extends {-1e3 * nearest_m:.0f} mm "
+            f"target.motion: after {time_s:.3g} s the target extends {-1e3 * nearest_m:.0f} mm "
             "behind the plane of the array; let it move more slowly, simulate fewer frames, or "
             "enlarge target.distance_m"
         )

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
 from handbench.support.config import Config
 
 CENTRE_M = np.zeros(3)  # of the aperture, in the radar frame
@@ -79,8 +79,8 @@ class EchoScene:
     place in every frame).
 
     target: the measured body (None for a scene with balls only); room: the bodies around it, which
-    stay when the target is removed; causes: causes of the effects, such as noise or motion; seed:
-    seed of all random draws. origin_m [3]: the target's origin, to which causes.motion.pivot_m is
+    stay when the target is removed; sensor, noise, motion, roughness: the causes of effects; seed:
+    seed of all random draws. origin_m [3]: the target's origin, to which motion.pivot_m is
     relative; bent: the target's vertices [n, 3] as a function of time in seconds, with the motion
     of a hand's fingers alone (None: the target moves as a whole or not at all).
     polarisation_deg: direction of the antennas' electric field, from x towards y (used for echoes
@@ -95,7 +95,10 @@ class EchoScene:
     target: Body | None = None
     balls: tuple[Ball, ...] = ()
     room: tuple[Body, ...] = ()
-    causes: Causes = field(default_factory=Causes)
+    sensor: SensorFaults = field(default_factory=SensorFaults)
+    noise: Noise = field(default_factory=Noise)
+    motion: Motion = field(default_factory=Motion)
+    roughness: Roughness = field(default_factory=Roughness)
     seed: int = 0
     polarisation_deg: float = 90.0
     coarser: float = 1.0

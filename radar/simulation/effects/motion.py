@@ -34,9 +34,9 @@ def moving_samples(echoes: Echoes) -> np.ndarray:
     scene, moment = echoes.scene, echoes
     shape = (echoes.frames, len(scene.time_s), *echoes.array.channels)
     samples = np.empty(shape, np.complex64)
-    for frame, start in enumerate(frame_starts(scene, echoes.frames)):
+    for frame, (start_s, tremor_rad) in enumerate(frame_starts(scene, echoes.frames)):
         for tone in np.argsort(scene.time_s, kind="stable"):
-            now = scene_at(scene, start.after(float(scene.time_s[tone])))
+            now = scene_at(scene, start_s + float(scene.time_s[tone]), tremor_rad)
             if _distance_m(moment.scene, now) > MOMENT_M:
                 near = _distance_m(scene, now) <= MOMENT_M
                 moment = echoes if near else echoes.of(now)

@@ -25,20 +25,20 @@ def positions(echoes: Echoes) -> None:
     legs_m = []
     for i, leg in enumerate(scene.array.legs):
         normal = generator(scene.seeds("positions", i)).standard_normal(leg.position_m.shape)
-        legs_m.append(leg.position_m + scene.causes.positions.sigma_m * normal)
+        legs_m.append(leg.position_m + scene.sensor.positions.sigma_m * normal)
     echoes.array = AntennaArray(*legs_m)
 
 
 def pattern(echoes: Echoes) -> None:
     """Give every antenna the amplitude pattern cosᵠθ, θ from the z axis."""
-    echoes.pattern = echoes.scene.causes.pattern.exponent
+    echoes.pattern = echoes.scene.sensor.pattern.exponent
 
 
 def coupling(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Add a direct wave (leakage) from each transmitter t to each receiver r, exp(−j2πf|t −
     r|/c)/|t − r|. Its mean power is set relative to that of the target's samples."""
     scene, array, target = echoes.scene, echoes.array, samples[: echoes.frames]
-    level = scene.causes.coupling.amplitude * np.linalg.norm(target) / np.sqrt(target.size)
+    level = scene.sensor.coupling.amplitude * np.linalg.norm(target) / np.sqrt(target.size)
     distance_m = np.linalg.norm(array.tx_m[:, None] - array.rx_m[None], axis=2)
     gain = 1 / np.maximum(distance_m, 1e-3)  # a transceiver's own leakage is not infinite
     gain /= np.sqrt(np.mean(gain**2))
@@ -49,7 +49,7 @@ def coupling(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
 def channels(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Multiply the samples by a random gain, phase and delay of each antenna, drawn once per
     scene."""
-    scene, causes = echoes.scene, echoes.scene.causes.channels
+    scene, causes = echoes.scene, echoes.scene.sensor.channels
     legs = []
     for i, count in enumerate(scene.array.channels):
         draw = generator(scene.seeds("channels", i))
@@ -62,7 +62,7 @@ def channels(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
 def dead(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Set the samples of all channels with a dead antenna to zero. Raises HandbenchError for an
     antenna number that does not exist."""
-    causes = echoes.scene.causes.dead
+    causes = echoes.scene.sensor.dead
     alive = np.ones(samples.shape[-2:], np.float32)
     for name, numbers, axis in (("tx", causes.tx, 0), ("rx", causes.rx, 1)):
         wrong = [n for n in numbers if not 0 <= n < alive.shape[axis]]
@@ -90,7 +90,7 @@ def oscillator(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """
     middle_m = echoes.scene.points_m.mean(axis=0)
     delay_s = 2 * float(np.linalg.norm(middle_m)) / SPEED_OF_LIGHT_M_S
-    sigma_rad = phase_rad(echoes.scene.causes.oscillator, delay_s)
+    sigma_rad = phase_rad(echoes.scene.sensor.oscillator, delay_s)
     shape, seeds = (*samples.shape[1:3], 1), echoes.frame_seeds("oscillator")
     turns = np.stack([generator(seed).standard_normal(shape) for seed in seeds])
     return (samples * np.exp(1j * sigma_rad * turns)).astype(np.complex64)
@@ -113,7 +113,7 @@ def noise(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     surface_m = echoes.points_m[:: max(1, len(echoes.points_m) // PEAK_POINTS)]
     top = int(tones_hz.argmax())
     strongest = strongest_amplitude(samples[0, top], tones_hz[top], scene.array, surface_m)
-    noise_rad, frames = scene.causes.noise.between_tones_rad, echoes.frame_seeds("noise")
+    noise_rad, frames = scene.noise.between_tones_rad, echoes.frame_seeds("noise")
     return np.stack(
         [
             thermal_noise(frame, tones_hz, noise_rad, strongest, seed)
@@ -166,7 +166,7 @@ def thermal_noise(
 def converter(echoes: Echoes, samples: np.ndarray) -> np.ndarray:
     """Round both quadratures to the middles of 2^bits equal steps over ±full scale, and clip what
     exceeds it. Full scale is the largest quadrature of the samples, raised by the headroom."""
-    causes = echoes.scene.causes.converter
+    causes = echoes.scene.sensor.converter
     parts = np.ascontiguousarray(samples).view(np.float32)
     scale = float(np.abs(parts[: echoes.frames]).max() * 10 ** (causes.headroom_db / 20))
     if scale == 0:

@@ -49,7 +49,7 @@ def roughness(echoes: Echoes) -> None:
     the part of the relief that is finer than the facet."""
     if echoes.surface is None:
         return
-    waves = waves_of(echoes.scene.causes.roughness, generator(echoes.scene.seeds("roughness")))
+    waves = waves_of(echoes.scene.roughness, generator(echoes.scene.seeds("roughness")))
     facets = displace_facets(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
     echoes.surface = replace(echoes.surface, facets=facets)
 

@@ -5,7 +5,7 @@ Time is e^{+jωt}, so that losses are negative imaginary parts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -15,42 +15,36 @@ from handbench.radar.simulation.scene import Material
 VACUUM_F_M = 8.8541878128e-12
 
 
-@dataclass(frozen=True)
-class ColeCole:
-    """Cole–Cole model of a dielectric's relative permittivity: ε_r(ω) = ε_∞ + Σ_n Δε_n / (1 +
-    (jωτ_n)^(1−α_n)) + σ/(jωε_0), with time e^{+jωt}. The fields are its parameters."""
-
-    infinity: float
-    step: tuple[float, ...]  # Δε
-    relaxation_s: tuple[float, ...]  # τ
-    broadening: tuple[float, ...]  # α
-    conductivity_s_m: float = 0.0  # σ of ions
-
-    def permittivity(self, frequencies_hz: np.ndarray) -> np.ndarray:
-        """Return the complex relative permittivity at each frequency: [f]."""
-        omega = 2 * np.pi * np.asarray(frequencies_hz, float)[:, None]
-        step, relaxation_s, broadening = map(
-            np.array, (self.step, self.relaxation_s, self.broadening)
-        )
-        dispersions = step / (1 + (1j * omega * relaxation_s) ** (1 - broadening))
-        return (
-            self.infinity
-            + dispersions.sum(axis=1)
-            + self.conductivity_s_m / (1j * omega[:, 0] * VACUUM_F_M)
-        )
+def cole_cole(
+    infinity: float,
+    step: tuple[float, ...],
+    relaxation_s: tuple[float, ...],
+    broadening: tuple[float, ...],
+    conductivity_s_m: float,
+    frequencies_hz: np.ndarray,
+) -> np.ndarray:
+    """Compute a dielectric's complex relative permittivity [f] by the Cole–Cole model, ε_r(ω) = ε_∞
+    + Σ_n Δε_n / (1 + (jωτ_n)^(1−α_n)) + σ/(jωε_0), with time e^{+jωt}. infinity: ε_∞; step: Δε;
+    relaxation_s: τ; broadening: α; conductivity_s_m: σ of ions."""
+    omega = 2 * np.pi * np.asarray(frequencies_hz, float)[:, None]
+    dispersions = step / (1 + (1j * omega * relaxation_s) ** np.subtract(1, broadening))
+    ions = conductivity_s_m / (1j * omega[:, 0] * VACUUM_F_M)
+    return np.asarray(infinity + dispersions.sum(axis=1) + ions)
 
 
 # Skin as a whole: S. Gabriel, R. W. Lau, C. Gabriel, Phys. Med. Biol. 41 (1996) 2271, table 1;
 # measured up to 20 GHz, extrapolated here. Skin at 40–110 GHz: Christ et al., Bioelectromagnetics
 # 42 (2021), doi 10.1002/bem.22362.
-DRY = ColeCole(
+DRY = partial(
+    cole_cole,
     4.0,
     (32.0, 1100.0, 0.0, 0.0),
     (7.234e-12, 32.481e-9, 159.155e-6, 15.915e-3),
     (0.0, 0.2, 0.2, 0.2),
     0.0002,
 )
-WET = ColeCole(
+WET = partial(
+    cole_cole,
     4.0,
     (39.0, 280.0, 3e4, 3e4),
     (7.958e-12, 79.577e-9, 1.592e-6, 1.592e-3),
@@ -59,7 +53,7 @@ WET = ColeCole(
 )
 # Horny layer (stratum corneum): the Debye term of free water of Alekseev & Ziskin,
 # Bioelectromagnetics 28 (2007) 331.
-HORNY = ColeCole(2.96, (1.5,), (6.9e-12,), (0.0,))
+HORNY = partial(cole_cole, 2.96, (1.5,), (6.9e-12,), (0.0,), 0.0)
 
 # What represents arm and face in the measurements of Christ et al., and 140 µm the palm; manual
 # work thickens that.
@@ -69,7 +63,7 @@ THIN_M = 15e-6
 def skin_permittivity(frequencies_hz: np.ndarray, wet: bool = False) -> np.ndarray:
     """Return the complex relative permittivity [f] of skin as a whole, for time e^{+jωt}. wet: True
     for moist skin."""
-    return (WET if wet else DRY).permittivity(frequencies_hz)
+    return (WET if wet else DRY)(frequencies_hz)
 
 
 def dielectric_permittivity(material: Material) -> complex:
@@ -88,7 +82,7 @@ def reflections(
     """
     f = np.asarray(frequencies_hz, float)
     if material.kind == "skin":
-        layer, below = HORNY.permittivity(f), skin_permittivity(f, material.wet)
+        layer, below = HORNY(f), skin_permittivity(f, material.wet)
         thicknesses_m = THIN_M, material.palm_thickness_m
         return np.stack([layer_reflection(layer, below, d, f, cosine) for d in thicknesses_m])
     if material.kind == "plastic":

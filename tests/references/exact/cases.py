@@ -109,7 +109,7 @@ def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None,
     if material.kind == "metal":
         return None, None
     if material.kind == "skin":
-        return skin_permittivity(frequencies_hz, material.wet), HORNY.permittivity(frequencies_hz)
+        return skin_permittivity(frequencies_hz, material.wet), HORNY(frequencies_hz)
     return np.full(len(frequencies_hz), dielectric_permittivity(material)), None
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
@@ -26,11 +26,9 @@ def test_a_moving_finger_echoes_as_the_exact_series_says(direction, frame_period
     of the phases from tone to tone, of which motion makes 1.7 rad, it leaves 0.02, and between the
     two times of one tone 1e-3."""
     finger, velocity_m_s = Cylinder(0.0, 0.29, 8e-3), 0.5
-    motion = {"velocity_m_s": velocity_m_s, "direction": direction}
+    motion = Motion(velocity_m_s=velocity_m_s, direction=direction)
     case = Case("one finger", (finger,), "metal", ALONG)
-    scene = EchoScene(
-        FEW, TONES_HZ, TIMES_S, body(case), causes=Causes.model_validate({"motion": motion})
-    )
+    scene = EchoScene(FEW, TONES_HZ, TIMES_S, body(case), motion=motion)
     scene = replace(scene, frame_period_s=frame_period_s)
     chosen = choose(scene, ("obliquity", "shadow", "motion"))
     found = simulate_scene(scene, chosen).capture.samples[0]

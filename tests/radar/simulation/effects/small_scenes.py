@@ -6,7 +6,7 @@ import pytest
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.ablation import explain
-from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.scene import Choice, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.radar.simulation.selection import choose
@@ -39,12 +39,18 @@ def no_random_numbers(monkeypatch):
     monkeypatch.setattr(np.random, "SeedSequence", refuse)
 
 
-def bead_scene(causes: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) -> EchoScene:
+def causes(**values: dict) -> dict:
+    """The fields of a scene with these causes of effects, by the names of the effects."""
+    own = {"noise": Noise, "motion": Motion, "roughness": Roughness}
+    faults = {name: values[name] for name in values.keys() - own.keys()}
+    fields = {name: own[name](**values[name]) for name in values.keys() & own.keys()}
+    return fields | {"sensor": SensorFaults(**faults)}
+
+
+def bead_scene(caused: dict | None = None, time_s=(0.0, 1e-3, 2e-3), **changes) -> EchoScene:
     """A bead of 4 mm at 0.30 m before the paper's array, with three tones and some causes."""
     values = {"target": sphere_body(4e-3, (0.01, -0.005, 0.3)), "seed": 3, **changes}
-    return EchoScene(
-        qar50(), TONES_HZ, np.asarray(time_s), causes=Causes(**(causes or {})), **values
-    )
+    return EchoScene(qar50(), TONES_HZ, np.asarray(time_s), **causes(**caused or {}), **values)
 
 
 def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> SimulatedCapture:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.causes import Causes
-from handbench.radar.simulation.movement import Instant, frame_starts, surface_m, velocity_m_s
+from handbench.radar.simulation.causes import Motion
+from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.radar.simulation.selection import choose
@@ -23,10 +23,10 @@ RELIEF_M, PERIOD_M = 1.5e-3, 0.03  # of a wavy surface
 def moving(target: Body, step_s=1e-3, times_s=None, **given) -> EchoScene:
     """A body before a thin array, with keys of [target.motion] or of the scene."""
     motion = {key: value for key, value in given.items() if key not in EchoScene.__annotations__}
-    causes = Causes.model_validate({"motion": motion})
     times_s = step_s * np.arange(4) if times_s is None else np.asarray(times_s)
-    scene = EchoScene(FEW, TONES_HZ, times_s, target, causes=causes, origin_m=np.array([0, 0, 0.3]))
-    return replace(scene, **{key: given[key] for key in given.keys() - motion.keys()})
+    scene = EchoScene(FEW, TONES_HZ, times_s, target, origin_m=np.array([0, 0, 0.3]))
+    others = {key: given[key] for key in given.keys() - motion.keys()}
+    return replace(scene, motion=Motion.model_validate(motion), **others)
 
 
 def simulated(scene: EchoScene, *effects: str, frames=1):
@@ -117,17 +117,19 @@ def test_frames_follow_each_other_only_with_a_period():
     assert capture.times_s.tolist() == scene.time_s.tolist()
     assert capture.frame_times_s == pytest.approx([0, 0.01, 0.02])
     for frame, start in enumerate(frame_starts(running, 3)):
-        there = Body(surface_m(running, body.vertices_m, start), body.faces)
+        there = Body(surface_m(running, body.vertices_m, *start), body.faces)
         expected = bare_echoes(moving(there)).samples()[0]
         assert difference(capture.samples[frame, 0], expected) < 3e-5
     # one tremor goes on: it is back where it was after its period
     periods = replace(running, frame_period_s=1 / 9.0)
-    first, second = (surface_m(periods, body.vertices_m, at) for at in frame_starts(periods, 2))
+    first, second = (
+        surface_m(periods, body.vertices_m, *start) for start in frame_starts(periods, 2)
+    )
     assert second - first == pytest.approx(np.tile(np.array(velocity) / 9, (len(first), 1)))
 
 
 def test_a_rigid_body_turns_about_its_pivot_and_has_the_velocities_of_one():
-    body, at = sphere_body(0.02, (0.0, 0.0, 0.3)), Instant(0.2, 0.4)
+    body, at = sphere_body(0.02, (0.0, 0.0, 0.3)), (0.2, 0.4)
     scene = moving(
         body,
         rotation_deg_s=[30.0, 0, 0],
@@ -137,11 +139,11 @@ def test_a_rigid_body_turns_about_its_pivot_and_has_the_velocities_of_one():
     )
     pivot_m, along = np.array([0.01, 0.02, 0.3]), np.array([0, 0, 1.0])
     turned_m = (body.vertices_m - pivot_m) @ turn_about_x(np.radians(6.0)).T
-    found_m = surface_m(scene, body.vertices_m, at)
+    found_m = surface_m(scene, body.vertices_m, *at)
     assert np.abs(found_m - (turned_m + pivot_m + 0.02 * along)).max() < 1e-15
     expected = np.cross([np.radians(30.0), 0, 0], turned_m) + 0.1 * along
-    assert np.abs(velocity_m_s(scene, body.vertices_m, at) - expected).max() < 1e-9
-    assert np.array_equal(surface_m(scene, body.vertices_m, Instant(0.0, 0.4)), body.vertices_m)
+    assert np.abs(velocity_m_s(scene, body.vertices_m, *at) - expected).max() < 1e-9
+    assert np.array_equal(surface_m(scene, body.vertices_m, 0.0, 0.4), body.vertices_m)
 
 
 def test_a_surface_that_does_not_move_echoes_as_one_at_rest():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.causes import Causes
+from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import moving_samples
 from handbench.radar.simulation.effects.multipath import land, multipath
@@ -151,9 +151,9 @@ def test_transmitters_and_receivers_can_be_swapped():
 
 def test_motion_turns_the_bounces_with_the_target():
     # of 0.2 mm until the first tone is measured
-    causes, count = Causes.model_validate({"motion": {"velocity_m_s": 0.2}}), len(TONES_HZ)
+    motion, count = Motion(velocity_m_s=0.2), len(TONES_HZ)
     made = state(FINGERS)
-    made.scene = replace(made.scene, time_s=np.full(count, 1e-3), causes=causes)
+    made.scene = replace(made.scene, time_s=np.full(count, 1e-3), motion=motion)
     made.surface = made.surface.where(np.arange(1))  # the bounces alone, but for one facet
     turned = moving_samples(made)[0]
     moved = twice(Body(FINGERS.vertices_m + [0, 0, 2e-4], FINGERS.faces))
