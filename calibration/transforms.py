@@ -138,14 +138,9 @@ def identity(frame: str) -> Transform:
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
     """Compute the derivatives [..., 3, 7] of points [..., 3] with respect to a small motion
     [translation_m, rotation_rad, log scale] about the origin of their frame: dp = t + ω×p + λp."""
-    x, y, z = np.moveaxis(np.asarray(points_m, np.float64), -1, 0)
-    jacobian = np.zeros((*np.shape(x), 3, 7))
-    jacobian[..., :3, :3] = np.eye(3)
-    jacobian[..., 0, 4], jacobian[..., 0, 5] = z, -y
-    jacobian[..., 1, 3], jacobian[..., 1, 5] = -z, x
-    jacobian[..., 2, 3], jacobian[..., 2, 4] = y, -x
-    jacobian[..., :, 6] = points_m
-    return jacobian
+    points_m = np.asarray(points_m, np.float64)[..., None]
+    turns = -np.cross(points_m, np.eye(3), axis=-2)
+    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns, points_m], axis=-1)
 
 
 def adjoint(step_m: np.ndarray) -> np.ndarray:

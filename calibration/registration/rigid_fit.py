@@ -71,9 +71,8 @@ class Pairs:
         return Pairs(*(values[chosen] for values in vars(self).values()))
 
     def __add__(self, other: "Pairs") -> "Pairs":
-        return Pairs(
-            *map(np.concatenate, zip(*(vars(side).values() for side in (self, other)), strict=True))
-        )
+        both = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Pairs(*map(np.concatenate, both))
 
     @property
     def weights(self) -> np.ndarray:
