@@ -59,7 +59,8 @@ def test_depths_of_a_moving_finger(velocity_m_s):
 @pytest.mark.slow
 def test_a_sweep_over_a_moving_finger_smears():
     # f·T/B: a sweep of 13 ms at 0.05 m/s shifts the depths by 5 mm
-    sweep = {"count": len(SWEEP_HZ), "z": {"start_m": 0.25, "stop_m": 0.31, "step_m": 0.001}}
+    z = {"start_m": 0.25, "stop_m": 0.31, "step_m": 0.001}
+    sweep = {"tones_hz": {"count": len(SWEEP_HZ)}, "z": z}
     at_rest_mm = mae_mm("broadband", moving("sweep", 0.0), **sweep)
     moved_mm = mae_mm("broadband", moving("sweep", 0.05), **sweep)
     assert moved_mm > 2 * at_rest_mm
