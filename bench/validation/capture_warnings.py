@@ -35,8 +35,8 @@ from handbench.support.progress import say
 from handbench.support.store import stage
 
 FIRST = "first_depth_m"  # first depth of methods that have one
-# the first whose tones were measured images the capture
-PROBES = ("3fsk", "2fsk", "broadband", "narrowband")
+# the first whose tones were measured images the capture, without its motion if a tone is repeated
+PROBES = ("3fsk-doppler", "2fsk-doppler", "3fsk", "2fsk", "broadband", "narrowband")
 
 
 @stage(

@@ -40,7 +40,7 @@ class Config(pydantic.BaseModel):
         try:
             return validate(values)
         except pydantic.ValidationError as error:
-            known = {"known": list(cls.model_fields)}
+            known = {"known": [key.alias or name for name, key in cls.model_fields.items()]}
             noted: list[Any] = [
                 {
                     **each,

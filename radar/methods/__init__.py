@@ -1,2 +1,1 @@
-"""Methods that compute depth maps from echoes: their algorithms, parameters, presets and
-registry."""
+"""Methods that compute depth maps from echoes: their algorithms, settings and table."""

@@ -23,7 +23,7 @@ pairs of tones together are less ambiguous.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -33,6 +33,7 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.methods.backprojection import Backprojection, backprojection
 from handbench.radar.methods.depth_uncertainty import WRAP_PROBABILITY, doubtful_on_plane, speckle_m
+from handbench.radar.methods.doppler import SAME, with_velocity
 from handbench.radar.methods.fsk import Fsk, FskEchoes
 from handbench.radar.methods.pixels import masked_mean, path_gradient_z
 from handbench.radar.methods.settings import OddPixels, Sweep
@@ -55,6 +56,7 @@ class Joint(Fsk):
     tones_hz: tuple[Tone, ...] = Field(
         (82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9), min_length=3, description="the closest pair first"
     )
+    weighted: Literal[True] = Field(True, description="the filters weigh each pixel with its power")
     off_axis: bool = Field(True, description="use the path's true derivative along z instead of 2")
     refinements: int = Field(
         2, ge=1, le=1000, description="times that all tones are imaged and searched"
@@ -66,6 +68,14 @@ class Joint(Fsk):
         0.03, gt=0, le=1, description="of the search before and behind each pixel's depth"
     )
     edge_m: Edge = 0.006
+
+    @field_validator("tones_hz")
+    @classmethod
+    def _in_order(cls, tones_hz: tuple[float, ...]) -> tuple[float, ...]:
+        closest_hz = np.diff(np.sort(tones_hz)).min()
+        if not 0 < abs(tones_hz[0] - tones_hz[1]) <= closest_hz * (1 + SAME):
+            raise ValueError("expected different tones, the closest pair first")
+        return tones_hz
 
 
 class Aligned(Backprojection):
@@ -205,6 +215,8 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
     sigma_m = grid.on_map(step.index, found.sigma_m)
     depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, wrapped)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)
+    if echoes.repetition is not None:
+        depth = with_velocity(depth, step, echoes.repetition)
     seen = db >= config.threshold_db  # at the final depth, not in the first plane
     z_m, sigma_m = (
         np.where(seen, values_m, np.nan) for values_m in (depth.z_m, np.asarray(depth.sigma_m))

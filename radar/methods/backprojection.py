@@ -9,17 +9,13 @@ from pydantic import Field
 from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import Axis, VoxelGrid
-from handbench.radar.methods.settings import MethodSettings, Sweep
-from handbench.support.config import Tone
+from handbench.radar.methods.settings import MethodSettings
 
 
 class Backprojection(MethodSettings):
     """Settings of broadband backprojection; voxels and tones are the paper's."""
 
     z: Axis = Field(default=Axis(start_m=0.245, stop_m=0.325, step_m=0.001), description="depths")
-    tones_hz: tuple[Tone, ...] | Sweep = Field(
-        default=Sweep(), description="a list, or evenly spaced tones from start to stop"
-    )
     threshold_db: float = Field(
         default=-13.0, lt=0, description="pixels weaker than this are off target"
     )

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from handbench.radar.methods.fsk import FskStep
 
 SAME = 1e-9  # relative difference of two frequencies that are one tone
+MOST = 30.0  # logarithm of an amplitude's factor, at most: squares of images stay numbers
 
 
 class Repetition(NamedTuple):
@@ -56,7 +57,9 @@ class Repetition(NamedTuple):
         first, last = again.astype(np.complex128)
         turn = np.divide(last, first, out=np.ones_like(last), where=(first != 0) & (last != 0))
         share = self.share[: len(images), None]
-        return (images * np.exp(-share * np.log(turn))).astype(images.dtype)
+        log = -share * np.log(turn)
+        log.real = np.clip(log.real, -MOST, MOST)
+        return (images * np.exp(log)).astype(images.dtype)
 
 
 def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:

@@ -20,7 +20,7 @@ from operator import attrgetter
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, PositiveFloat, field_validator
+from pydantic import Field, field_validator
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
 from handbench.radar.data.capture import RadarCapture, scaled_to_one
@@ -29,7 +29,7 @@ from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.doppler import Repetition, repetition, with_velocity
 from handbench.radar.methods.first_depth import first_depth_m
 from handbench.radar.methods.pixels import masked_mean, path_gradient_z
-from handbench.radar.methods.settings import MethodSettings, OddPixels
+from handbench.radar.methods.settings import Depth, MethodSettings, OddPixels
 from handbench.support.config import Tone
 
 
@@ -40,7 +40,7 @@ class Fsk(MethodSettings):
     tones_hz: tuple[Tone, ...] = Field(
         (82.0e9, 81.8e9, 79.5e9), min_length=2, description="the closest pair first"
     )
-    first_depth_m: PositiveFloat | Literal["auto"] = Field(
+    first_depth_m: Depth | Literal["auto"] = Field(
         0.45, description="z_e of the first images; auto: where the echoes are"
     )
     corrections: int = Field(

@@ -24,6 +24,7 @@ def _odd(size_px: int) -> int:
     return size_px
 
 
+Depth = Annotated[float, Field(gt=0, le=100)]  # metres
 OddPixels = Annotated[int, AfterValidator(_odd)]
 
 
@@ -41,7 +42,9 @@ class MethodSettings(Config):
 
     x: Axis = Field(default=LATERAL, description="pixels")
     y: Axis = Field(default=LATERAL, description="pixels")
-    tones_hz: tuple[Tone, ...] | Sweep = Sweep()
+    tones_hz: Annotated[tuple[Tone, ...], Field(min_length=1)] | Sweep = Field(
+        default=Sweep(), description="a list, or evenly spaced tones from start to stop"
+    )
     threshold_db: float = Field(
         default=-10.0, lt=0, description="pixels weaker than this are off target"
     )

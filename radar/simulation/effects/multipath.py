@@ -70,14 +70,14 @@ class Bounces:
         assert surface is not None
         self._echoes, self._rays, self._surface = echoes, rays_of(scene, body), triangles_of(body)
         self._flat_m2 = face_vectors(body.vertices_m, body.faces)
-        self._layer = np.zeros(len(body.faces), int)  # also of a face without visible facets
-        self._layer[surface.facets.face] = surface.layer
+        palm = body.palm if surface.material.kind == "skin" else None
+        self._layer = (np.zeros(len(body.faces)) if palm is None else palm).astype(int)
         f, cosines = scene.frequencies_hz, np.maximum(np.linspace(0, 1, COSINES), 1e-6)
         fresnel = reflections(surface.material, np.array([f.mean()]), cosines)
         self._fresnel = fresnel / fresnel[..., -1:]
         wavenumber = 2 * np.pi * f[:, None] / SPEED_OF_LIGHT_M_S
-        extent_m = np.linalg.norm(np.ptp(body.vertices_m, axis=0))
-        few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m[None]), TONES)
+        extent_m = np.linalg.norm(np.ptp(body.vertices_m, axis=0), keepdims=True)
+        few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m), TONES)
         self._few_hz, self._middle_m = f[few], body.vertices_m.mean(axis=0)
         self._turns_per_m = self._few_hz / SPEED_OF_LIGHT_M_S
         once = echo_reflections(surface.material, self._few_hz).T.astype(np.complex64)
@@ -98,11 +98,9 @@ class Bounces:
 
         def work(n: int) -> None:
             for group in groups[n::SUMS]:
-                for out, *legs in (
-                    (parts[n], array.tx_m, array.rx_m),
-                    (parts[n].swapaxes(1, 2), array.rx_m, array.tx_m),
-                ):
-                    self._add(mirrors[group], face[group], *legs, out)
+                there, back = parts[n], parts[n].swapaxes(1, 2)
+                self._add(mirrors[group], face[group], array.tx_m, array.rx_m, there)
+                self._add(mirrors[group], face[group], array.rx_m, array.tx_m, back)
 
         for_each(work, range(SUMS))
         # in order, whatever the threads

@@ -325,6 +325,8 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
         along_m = steps_m[line].cumsum()
         count = min(len(line), 1 + int(np.ceil(along_m[-1] / apart_m)))
         at = np.linspace(0, len(line) - 1, count).round().astype(int)
+        at = at[np.unique(along_m[at], return_index=True)[1]]  # one antenna a place
+        count = len(at)
         weights = CubicSpline(along_m[at], np.eye(count))(along_m) if count > 1 else 1.0
         spread[line, len(chosen) : len(chosen) + count] = weights
         chosen += line[at].tolist()
