@@ -77,10 +77,15 @@ _last: WeakKeyDictionary[TreePlan, tuple[SortedPoints, DevicePoints]] = WeakKeyD
 
 def _placed(plan: TreePlan, where: SortedPoints) -> DevicePoints:
     """Copy points that the plan has sorted to the device, and group them into batches. If they are
-    the plan's last points, the result is returned again; if they are in the same leaves, its
-    groups."""
+    the plan's last points on the same device, the result is returned again; if they are in the
+    same leaves, its groups."""
     last, placed = _last.get(plan, (None, None))
-    if last is None or placed is None or not _same_groups(last, where):
+    if (
+        last is None
+        or placed is None
+        or placed.xp is not array_module()
+        or not _same_groups(last, where)
+    ):
         placed = _grouped(plan, where)
     elif last.points_m is not where.points_m:
         placed = replace(placed, points_m=placed.xp.asarray(where.points_m))

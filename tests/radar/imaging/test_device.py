@@ -15,6 +15,7 @@ from handbench.radar.imaging.api import image_points, image_volume, project_volu
 from handbench.radar.imaging.device import (
     SETTING,
     array_module,
+    cis,
     current_device,
     describe,
     use_device,
@@ -163,6 +164,17 @@ def test_further_frames_use_their_own_samples_and_depths(device, monkeypatch, ke
 
     for there, here in zip(*on(device, everything), strict=True):
         assert relative_error(there, here) < AGREED
+
+
+def test_a_plan_follows_the_choice_of_device(device, monkeypatch):
+    """The same plan and points on one device after another: what each keeps is its own."""
+    arguments = (noise((16, 32, 24)), TONES_HZ, ARRAY, corner(), 1e-3)
+    modules = []
+    monkeypatch.setattr(levels, "cis", lambda xp, turns: modules.append(xp) or cis(xp, turns))
+    for name in ("numpy", device):
+        with use_device(name):
+            image_volume(*arguments)
+            assert modules[-1] is array_module()
 
 
 def test_the_choice_holds_until_the_block_ends(device, monkeypatch):
