@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, Aperture
-from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.data.grid import MOST_ON_AXIS, VoxelGrid
 from handbench.radar.imaging.device import Array, cis, distances
 from handbench.radar.imaging.skeleton import resampler_for_channels
 from handbench.radar.imaging.tree import (
@@ -35,6 +35,7 @@ from handbench.radar.imaging.tree import (
     stack,
 )
 from handbench.support.cost import require_memory
+from handbench.support.errors import HandbenchError
 from handbench.support.parallel import one_blas_thread
 
 COARSER = "make the grid's steps larger"
@@ -154,7 +155,8 @@ class GridPlan:
 
     planes: the plan serves any single plane between the grid's first and last z. tree: plan for
     imaging the nodes; None if they are summed exactly, because choosing few tones and antennas
-    costs more than it saves (too many antennas, too few nodes).
+    costs more than it saves (too many antennas, too few nodes). Raises HandbenchError for an
+    axis of more than MOST_ON_AXIS samples.
 
     Only the image's envelope is interpolated, which is the image divided by its carrier and varies
     as slowly as the array's angles and bandwidth allow. The carrier is exp(jk_c R) times a linear
@@ -171,6 +173,12 @@ class GridPlan:
         planes: bool = False,
     ) -> None:
         axes = (grid.x_m, grid.y_m, grid.z_m)
+        for name, axis in zip("xyz", axes, strict=True):
+            if len(axis) > MOST_ON_AXIS:
+                raise HandbenchError(
+                    f"grid: has {len(axis)} samples along {name}, more than {MOST_ON_AXIS}; "
+                    f"{COARSER}, or image it in parts"
+                )
         low_m, high_m = grid.ends_m
         low, high = bands(frequencies_hz, aperture, Box(low_m, high_m))
         middle = (np.min(frequencies_hz) + np.max(frequencies_hz)) / 2 / SPEED_OF_LIGHT_M_S

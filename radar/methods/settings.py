@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, model_validator
 from handbench.radar.data.grid import MOST_ON_AXIS, Axis, PixelGrid
 from handbench.support.config import Config, Tone
 
-MOST_PIXELS, MOST_VOXELS = 4_000_000, 200_000_000  # 600 and 200 times the paper's; 1.6 GB
+MOST_VOXELS = 200_000_000  # 200 times the paper's; 1.6 GB
 LATERAL = Axis(start_m=-0.15, stop_m=0.15, step_m=0.001)  # the paper's
 
 
@@ -37,8 +37,8 @@ class Sweep(Config):
 
 
 class MethodSettings(Config):
-    """Settings that all methods have. More than MOST_PIXELS pixels, or MOST_VOXELS voxels of a
-    method with an axis z, are an error."""
+    """Settings that all methods have. More than MOST_VOXELS voxels of a method with an axis
+    z are an error."""
 
     x: Axis = Field(default=LATERAL, description="pixels")
     y: Axis = Field(default=LATERAL, description="pixels")
@@ -56,11 +56,10 @@ class MethodSettings(Config):
     def _bounded(self) -> Self:
         axes = {name: axis for name in "xyz" if isinstance(axis := getattr(self, name, None), Axis)}
         count = math.prod(axis.count for axis in axes.values())
-        most = MOST_VOXELS if "z" in axes else MOST_PIXELS
-        if count > most:
+        if count > MOST_VOXELS:
             raise ValueError(
-                f"the axes {', '.join(axes)} make {count} points, more than {most}; take larger "
-                "steps"
+                f"the axes {', '.join(axes)} make {count} points, more than {MOST_VOXELS}; "
+                "take larger steps"
             )
         return self
 

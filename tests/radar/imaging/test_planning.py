@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import qar50
-from handbench.radar.imaging.api import image_points
+from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging.api import image_points, project_volume
+from handbench.support.errors import HandbenchError
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 
@@ -21,3 +23,9 @@ def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exa
     error = relative_error(image[:50], direct_sum(samples, tones_hz, qar50(), points_m[:50]))
     assert (error < 1e-5) == exact
     assert error < 1e-2
+
+
+def test_an_axis_that_takes_minutes_to_plan_is_refused():
+    grid = VoxelGrid(np.zeros(1), np.linspace(-0.1, 0.1, 2001), np.array([0.3, 0.31]))
+    with pytest.raises(HandbenchError, match="2001 samples along y, more than 2000"):
+        project_volume(noise((2, 94, 94)), np.array([72e9, 82e9]), qar50(), grid, 1e-3)
