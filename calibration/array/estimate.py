@@ -16,11 +16,11 @@ means are 0; the motion is small and the same for all images.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.calibration.array.array_file import ArrayCalibration, Side
+from handbench.calibration.array.array_file import ArrayCalibration
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import Target, match
 from handbench.calibration.spheres.radar_detection import DetectedBall, find_balls, mimo_array
@@ -28,6 +28,7 @@ from handbench.calibration.transforms import umeyama
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 
 SWEEPS = 20  # of alternating least squares
@@ -124,7 +125,8 @@ def _fit_responses(
     sides = [
         _side(leg.position_m, one, noise) for leg, one in zip(array.legs, (tx, rx), strict=True)
     ]
-    return ArrayCalibration(source=source, reference_hz=reference_hz, tx=sides[0], rx=sides[1])
+    values = {"source": source, "reference_hz": reference_hz, "tx": sides[0], "rx": sides[1]}
+    return parse(ArrayCalibration, values, source)
 
 
 class _Fit(NamedTuple):
@@ -157,19 +159,19 @@ def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.nda
     return _Fit(gains, delays_m + steps_m, energy, energy_k2)
 
 
-def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> Side:
-    """Convert the fit of the transmitters, or of the receivers, to their calibration in the file:
+def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> dict[str, Any]:
+    """Convert the fit of the transmitters, or of the receivers, to the values of a `Side`:
     with the mean log level, phase and delay 0 over the antennas that work. Their delays are shrunk
     by the share of noise in their variance (James–Stein). noise: variance of a sample's real part.
     """
     level = np.maximum(np.abs(fit.gains), TINY)
-    live = level > WEAKEST * np.median(level)
+    live = level > WEAKEST * np.median(level[level > WEAKEST * level.max()])
     phase = (fit.gains / level)[live].mean()
     gains = fit.gains * np.exp(-np.log(level[live]).mean()) * phase.conj() / np.abs(phase)
     delays_m = fit.delays_m - fit.delays_m[live].mean()
     delay_sigma_m = np.sqrt(noise / fit.energy_k2) / level
-    share = 1 - min(1.0, (delay_sigma_m[live] ** 2).mean() / delays_m[live].var())
-    return Side(
+    share = 1 - min(1.0, (delay_sigma_m[live] ** 2).mean() / max(delays_m[live].var(), TINY**2))
+    return dict(
         nominal_m=nominal_m.tolist(),
         gain=np.where(live, [gains.real, gains.imag], 0.0).T.tolist(),
         delay_m=np.where(live, share * delays_m, 0.0).tolist(),

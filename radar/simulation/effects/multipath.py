@@ -76,7 +76,7 @@ class Bounces:
         fresnel = reflections(surface.material, np.array([f.mean()]), cosines)
         self._fresnel = fresnel / fresnel[..., -1:]
         wavenumber = 2 * np.pi * f[:, None] / SPEED_OF_LIGHT_M_S
-        extent_m = np.linalg.norm(np.ptp(body.vertices_m, axis=0), keepdims=True)
+        extent_m = np.linalg.norm(np.ptp(body.vertices_m, axis=0), axis=0, keepdims=True)
         few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m), TONES)
         self._few_hz, self._middle_m = f[few], body.vertices_m.mean(axis=0)
         self._turns_per_m = self._few_hz / SPEED_OF_LIGHT_M_S
