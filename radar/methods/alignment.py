@@ -211,7 +211,7 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
         if config.drop_doubtful and (coherence >= NONE).any():
             z_m[coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
-    db, settings = amplitude_db(amplitude), echoes.config.model_dump()
+    db, settings = amplitude_db(amplitude), echoes.config.model_dump(mode="json")
     sigma_m = grid.on_map(step.index, found.sigma_m)
     depth = DepthMap(grid.x_m, grid.y_m, z_m, db, "joint", settings, sigma_m, wrapped)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)

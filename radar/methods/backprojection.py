@@ -59,7 +59,7 @@ def backprojection(capture: RadarCapture, config: Backprojection, frame: int = 0
         z_m = z_m + config.z.step_m * peak_offset(magnitude)
     seen = db >= config.threshold_db
     at_end = seen & np.isin(index, (0, len(grid.z_m) - 1))
-    z_m, settings = np.where(seen, z_m, np.nan), config.model_dump()
+    z_m, settings = np.where(seen, z_m, np.nan), config.model_dump(mode="json")
     return DepthMap(grid.x_m, grid.y_m, z_m, db, "broadband", settings, wrapped=at_end)
 
 

@@ -164,7 +164,9 @@ def fsk(
             steps.append(echoes.image(z_m, count))
             z_m = on_step(steps[-1])
     z_m, db = steps[-1].filtered(z_m), amplitude_db(steps[-1].amplitude)
-    depth = DepthMap(echoes.grid.x_m, echoes.grid.y_m, z_m, db, "fsk", config.model_dump())
+    depth = DepthMap(
+        echoes.grid.x_m, echoes.grid.y_m, z_m, db, "fsk", config.model_dump(mode="json")
+    )
     if echoes.repetition is not None:
         depth = with_velocity(depth, steps[-1], echoes.repetition)
     return depth, steps
