@@ -182,8 +182,9 @@ def test_layers_reflect_each_in_its_way(reflection, two, expected, monkeypatch):
     metal, layers = twice(CORNER, TONE_HZ), np.array(reflection)[:, None]
     monkeypatch.setattr(multipath_effect, "echo_reflections", lambda *_: layers)
     monkeypatch.setattr(multipath_effect, "reflections", lambda *_: METAL.repeat(2, axis=0))
-    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
-    second = bare.surface.facets.face >= len(CORNER.faces) // 2
-    bare.surface = replace(bare.surface, layer=(second & two).astype(int))
+    second = np.arange(len(CORNER.faces)) >= len(CORNER.faces) // 2
+    body = replace(CORNER, palm=second & two)
+    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), body))
+    bare.surface = replace(bare.surface, material=Material(kind="skin"))
     bare.shape(multipath)
     assert relative_error(bare.bounced, expected * metal) < 1e-6
