@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.methods import fsk
+from handbench.radar.imaging import api
 from handbench.radar.methods.registry import method
 from tests.radar.direct_sums import direct_sum
 from tests.radar.simulated_points import (
@@ -65,6 +65,6 @@ def test_images_in_double_precision_change_no_figure_s_fourth_digit(monkeypatch)
         return found.reshape(-1, *grid.shape)
 
     single = figures()
-    monkeypatch.setattr(fsk, "image_points", points)
-    monkeypatch.setattr(fsk, "image_volume", plane)
+    monkeypatch.setattr(api, "image_points", points)
+    monkeypatch.setattr(api, "image_volume", plane)
     np.testing.assert_allclose(figures(), single, rtol=1e-4)

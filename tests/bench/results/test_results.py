@@ -28,7 +28,7 @@ AXIS = np.arange(-0.01, 0.0101, 0.002)
 Z = np.where(np.hypot(*np.meshgrid(AXIS, AXIS)) < 0.01, 0.3, np.nan)
 ERRORS = error_map(AXIS, AXIS, Z + 1e-3, Z)
 TASK = frame(
-    TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None, None)]
+    TASKS, [("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None)]
 )
 STRONGEST_M = (0.3, None, 0.301)
 FIGURES = figures(ERRORS)

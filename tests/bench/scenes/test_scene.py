@@ -53,7 +53,7 @@ def scene_file(values: dict) -> SceneFile:
         ({"name": "../b"}, "'name'"),
         ({"noise": {"phase_noise_rad": float("nan")}}, "finite"),
         ({"noise": {"phase_noise_rad": 0.1, "snr_db": 20.0}}, "both given"),
-        ({"effects": ["noise", "shadow"]}, "this name is unknown"),
+        ({"effects": ["noise", "shade"]}, "this name is unknown"),
     ],
 )
 def test_mistakes_are_named(change: dict, message: str) -> None:

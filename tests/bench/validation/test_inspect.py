@@ -190,7 +190,7 @@ def test_every_problem_of_a_benchmark(tmp_path, captures, methods, places):
         ("a.json", json.dumps({"cameras": [{"name": "a.jpg"}]}), "cameras.0"),
         ("a.json", json.dumps({"format": "handbench-array", "tx": {}}), "tx"),
         ("a.json", json.dumps({"from": "photo", "to": "radar"}), "matrix"),
-        ("a.json", "[1]", "expected"),
+        ("a.json", "[1]", "[1]"),
         ("a.toml", "version =\n", "line 1"),
         ("a.toml", "[[element]]\ncentre_m = 3", "element.0"),
         ("a.npz", "PK", "npz"),
