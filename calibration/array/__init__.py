@@ -1,2 +1,2 @@
-"""Calibration of an array: the gain, phase, delay and position of each antenna, from the echoes of
-the calibration target."""
+"""Calibration of an array: the gain, phase and delay of each antenna, from the echoes of the
+calibration target."""
