@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from math import comb, isqrt
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -37,7 +37,7 @@ class Transform:
     metres. covariance: 6×6, or 7×7 with log scale, of [translation_m, rotation_rad(, log scale)] of
     a small motion that is applied after the transform, in the target frame and about its origin.
     residuals_m: one distance for each matched point. refined: how alignment to the radar's depth
-    map changed the transform, with the "reason" to distrust it (None: not refined).
+    map changed the fit, and why to distrust it (None: not refined).
     """
 
     source: str
@@ -45,7 +45,7 @@ class Transform:
     matrix: np.ndarray
     covariance: np.ndarray | None = None
     residuals_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    refined: dict[str, Any] | None = None
+    refined: str | None = None
 
     @property
     def scale(self) -> float:
@@ -99,24 +99,20 @@ class Transform:
 
     def save(self, path: str | Path) -> None:
         """Write the transform to a JSON file, atomically; `load_transform` reads it."""
-        content: dict[str, Any] = {
+        content = {
             "from": self.source,
             "to": self.target,
             "matrix": self.matrix,
             "scale": self.scale,
+            "covariance": self.covariance,
+            "residuals_m": self.residuals_m,
+            "refined": self.refined,
         }
-        content |= {"covariance": self.covariance, "residuals_m": self.residuals_m}
-        write_json(path, content | ({"refined": self.refined} if self.refined else {}))
+        write_json(path, content)
 
 
 def _in_rows(numbers: Sequence[float]) -> np.ndarray:
     return np.reshape(numbers, (isqrt(len(numbers)), -1))
-
-
-class Refined(Config, extra="allow"):
-    """What `handbench calibrate --refine` wrote into a transform's file."""
-
-    reason: str
 
 
 class TransformFile(Config, extra="ignore"):
@@ -127,7 +123,7 @@ class TransformFile(Config, extra="ignore"):
     matrix: Matrix
     covariance: Annotated[Numbers, AfterValidator(_in_rows)] | None = None
     residuals_m: Numbers = ()
-    refined: Refined | None = None
+    refined: str | None = None
 
 
 def identity(frame: str) -> Transform:
@@ -212,9 +208,8 @@ def load_transform(path: str | Path) -> Transform:
             raise HandbenchError(
                 f"{path}: 'covariance' is not 6×6 or 7×7, symmetric and positive; calibrate again"
             )
-    refined = file.refined.model_dump() if file.refined else None
     residuals_m = np.array(file.residuals_m)
-    return Transform(file.source, file.target, matrix, covariance, residuals_m, refined)
+    return Transform(file.source, file.target, matrix, covariance, residuals_m, file.refined)
 
 
 def triples(count: int) -> np.ndarray:

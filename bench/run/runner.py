@@ -308,7 +308,7 @@ def references(
 def refined(surfaces: dict[str, dict[str, Surface]]) -> dict[str, str]:
     """Return the captures whose transform was refined by depth maps: capture → the reason."""
     measured = {name: of[MEASURED][1] for name, of in surfaces.items() if MEASURED in of}
-    return {name: t.refined["reason"] for name, t in measured.items() if t.refined}
+    return {name: t.refined for name, t in measured.items() if t.refined}
 
 
 def score(

@@ -105,10 +105,5 @@ def _from_surface(options: argparse.Namespace) -> Transform:
         depth,
         load_any_transform(options.transform),
     )
-    report = transform.refined or {}
-    say(
-        f"{options.out}: the RMS depth error over {report['pixels']} pixels changed from "
-        f"{report['rms_before_mm']:.2f} to {report['rms_after_mm']:.2f} mm; {report['reason']}; "
-        f"not determined: {', '.join(report['free']) or 'nothing'}; {_error(transform)}"
-    )
+    say(f"{options.out}: {transform.refined}; {_error(transform)}")
     return transform

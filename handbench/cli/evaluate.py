@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> None:
     warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, values)]
     about: dict[str, Any] = {"method": depth.method, "definitions": definitions(values)}
     if transform.refined:
-        about["refined"] = f"{options.transform}: {transform.refined['reason']}"
+        about["refined"] = f"{options.transform}: {transform.refined}"
     for warning in warnings:
         say(f"{options.depth}: {warning}")
     if options.plot is not None:
