@@ -3,8 +3,7 @@ points, and their files."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
-from math import comb, isqrt
+from math import isqrt
 from pathlib import Path
 from typing import Annotated
 
@@ -15,8 +14,6 @@ from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
 
-TRIPLES = comb(12, 3)  # largest number of triples; beyond 12 pairs they are drawn at random
-MAJORITY = 0.6  # share of pairs that must agree before another is called wrong
 # larger than the Earth's radius: offsets, residuals and roots of covariances are smaller
 LARGEST_M = 1e7
 
@@ -210,12 +207,3 @@ def load_transform(path: str | Path) -> Transform:
             )
     residuals_m = np.array(file.residuals_m)
     return Transform(file.source, file.target, matrix, covariance, residuals_m, file.refined)
-
-
-def triples(count: int) -> np.ndarray:
-    """Return triples of indices below `count`: [m, 3]. They are all triples or, if there are more
-    than TRIPLES, as many random ones, which are the same in every run."""
-    if comb(count, 3) <= TRIPLES:
-        return np.array(list(combinations(range(count), 3)))
-    rng = np.random.default_rng(0)  # the same pairs give the same transform
-    return np.array([rng.choice(count, 3, replace=False) for _ in range(TRIPLES)])

@@ -12,27 +12,23 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.config import Config, Tone, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, write_json
+from handbench.support.files import read_json
 
 SAME_M = 1e-7  # positions that agree to this are the same
 Gain = Annotated[float, Field(ge=-100, le=100)]
 Metres = Annotated[float, Field(ge=-10, le=10)]
-Sigma = Annotated[float, Field(ge=0, le=100)]
 
 
 class Side(Config):
     """Calibration of all transmitters, or of all receivers; every list has one entry per antenna.
 
     nominal_m: positions in captures; gain: [re, im] at the reference frequency, 0 for a dead
-    antenna; delay_m: delay of the cable, as a path. Standard deviations: gain_sigma, of the gain
-    relative to its magnitude (of the log level, and of the phase in radians); delay_sigma_m.
+    antenna; delay_m: delay of the cable, as a path.
     """
 
     nominal_m: tuple[tuple[Metres, Metres, Metres], ...] = Field(min_length=1)
     gain: tuple[tuple[Gain, Gain], ...]
     delay_m: tuple[Metres, ...]
-    gain_sigma: tuple[Sigma, ...]
-    delay_sigma_m: tuple[Sigma, ...]
 
     @model_validator(mode="after")
     def _one_entry_per_antenna(self) -> "Side":
@@ -123,11 +119,6 @@ class ArrayCalibration(Config):
             f"from {self.source}; gains differ by {20 / np.log(10) * live.real.std():.2f} dB and "
             f"{np.degrees(live.imag.std()):.1f}° (RMS)"
         )
-
-
-def save_array(path: str | Path, calibration: ArrayCalibration) -> None:
-    """Write an array calibration to the file `array.json`, atomically."""
-    write_json(path, calibration.model_dump())
 
 
 def load_array(path: str | Path) -> ArrayCalibration:

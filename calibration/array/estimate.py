@@ -16,7 +16,7 @@ means are 0; the motion is small and the same for all images.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -39,13 +39,16 @@ THRESHOLD_DB = -10.0
 FARTHEST_SIGMAS = 4.0
 LEAST_SIGMA_M = 5e-5  # of the manufacture
 TINY = 1e-15  # below any gain
+# Gains [n], delays_m [n], and information on the delays times the noise's variance [n]: Σ|m|²(k −
+# k̄)² of the model m of their samples with response 1
+Fit = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def estimate_array(
     capture: RadarCapture, target: Target, source: str = "target capture"
 ) -> ArrayCalibration:
     """Estimate the calibration of an array from the echoes of a target at rest, whose frames are
-    averaged: gain, phase and delay of each antenna, with standard deviations.
+    averaged: gain, phase and delay of each antenna.
 
     source: name of the capture, for the result and for messages. Raises HandbenchError for a planar
     scan, if a ball is not found, if something else echoes as strongly as a ball, and if the balls
@@ -111,16 +114,16 @@ def _fit_responses(
             for c, e, delay_m in zip(centres_m, target.element, target.foam_delay_m, strict=True)
         ]
     )
-    tx, rx = (_Fit(np.ones(n), np.zeros(n), np.ones(n), np.ones(n)) for n in array.channels)
+    tx, rx = ((np.ones(n), np.zeros(n), np.ones(n)) for n in array.channels)
     for _ in range(SWEEPS):
-        a, b = tx.response(k)[:, :, None], rx.response(k)[:, None]
+        a, b = _response(tx, k)[:, :, None], _response(rx, k)[:, None]
         of_balls = (echoes * (a * b)).reshape(len(echoes), -1)
         strengths = np.linalg.solve(of_balls.conj() @ of_balls.T, of_balls.conj() @ samples.ravel())
         balls = np.tensordot(strengths.astype(np.complex64), echoes, 1)
-        tx = _fit(samples, balls * b, tx.delays_m, k)
-        a = tx.response(k)[:, :, None]
-        rx = _fit(samples.swapaxes(1, 2), (balls * a).swapaxes(1, 2), rx.delays_m, k)
-    rest = samples - balls * tx.response(k)[:, :, None] * rx.response(k)[:, None]
+        tx = _fit(samples, balls * b, tx[1], k)
+        a = _response(tx, k)[:, :, None]
+        rx = _fit(samples.swapaxes(1, 2), (balls * a).swapaxes(1, 2), rx[1], k)
+    rest = samples - balls * _response(tx, k)[:, :, None] * _response(rx, k)[:, None]
     noise = float(np.mean(np.abs(rest) ** 2)) / 2  # per real and imaginary part
     sides = [
         _side(leg.position_m, one, noise) for leg, one in zip(array.legs, (tx, rx), strict=True)
@@ -129,23 +132,14 @@ def _fit_responses(
     return parse(ArrayCalibration, values, source)
 
 
-class _Fit(NamedTuple):
-    """Responses of the transmitters, or of the receivers. gains [n], delays_m [n]; information on
-    them, times the noise's variance: energy [n] = Σ|m|² and energy_k2 [n] = Σ|m|²(k − k̄)² of the
-    model m of their samples with response 1."""
-
-    gains: np.ndarray
-    delays_m: np.ndarray
-    energy: np.ndarray
-    energy_k2: np.ndarray
-
-    def response(self, k: np.ndarray) -> np.ndarray:
-        """Compute the responses at the wavenumbers k [f, 1], relative to the reference: complex64
-        [f, n]."""
-        return (self.gains * np.exp(-1j * k * self.delays_m)).astype(np.complex64)
+def _response(fit: Fit, k: np.ndarray) -> np.ndarray:
+    """Compute the responses at the wavenumbers k [f, 1], relative to the reference: complex64
+    [f, n]."""
+    gains, delays_m, _ = fit
+    return (gains * np.exp(-1j * k * delays_m)).astype(np.complex64)
 
 
-def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.ndarray) -> _Fit:
+def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.ndarray) -> Fit:
     """Fit the responses of n antennas to samples [f, n, m], by one Gauss–Newton step from given
     delays_m [n]. model [f, n, m]: the samples for responses of 1; k [f, 1]: wavenumbers."""
     power = np.einsum("fnm,fnm->fn", model, model.conj()).real
@@ -156,25 +150,24 @@ def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.nda
     gains = seen.sum(axis=0) / energy
     slopes = (centred_k * seen).sum(axis=0) * gains.conj()
     steps_m = -slopes.imag / energy_k2 / np.maximum(np.abs(gains), TINY) ** 2
-    return _Fit(gains, delays_m + steps_m, energy, energy_k2)
+    return gains, delays_m + steps_m, energy_k2
 
 
-def _side(nominal_m: np.ndarray, fit: _Fit, noise: float) -> dict[str, Any]:
+def _side(nominal_m: np.ndarray, fit: Fit, noise: float) -> dict[str, Any]:
     """Convert the fit of the transmitters, or of the receivers, to the values of a `Side`:
     with the mean log level, phase and delay 0 over the antennas that work. Their delays are shrunk
     by the share of noise in their variance (James–Stein). noise: variance of a sample's real part.
     """
-    level = np.maximum(np.abs(fit.gains), TINY)
+    gains, delays_m, energy_k2 = fit
+    level = np.maximum(np.abs(gains), TINY)
     live = level > WEAKEST * np.median(level[level > WEAKEST * level.max()])
-    phase = (fit.gains / level)[live].mean()
-    gains = fit.gains * np.exp(-np.log(level[live]).mean()) * phase.conj() / np.abs(phase)
-    delays_m = fit.delays_m - fit.delays_m[live].mean()
-    delay_sigma_m = np.sqrt(noise / fit.energy_k2) / level
-    share = 1 - min(1.0, (delay_sigma_m[live] ** 2).mean() / max(delays_m[live].var(), TINY**2))
+    phase = (gains / level)[live].mean()
+    gains = gains * np.exp(-np.log(level[live]).mean()) * phase.conj() / np.abs(phase)
+    delays_m = delays_m - delays_m[live].mean()
+    variance_m2 = (noise / energy_k2 / level**2)[live].mean()
+    share = 1 - min(1.0, variance_m2 / max(delays_m[live].var(), TINY**2))
     return dict(
         nominal_m=nominal_m.tolist(),
         gain=np.where(live, [gains.real, gains.imag], 0.0).T.tolist(),
         delay_m=np.where(live, share * delays_m, 0.0).tolist(),
-        gain_sigma=np.where(live, np.sqrt(noise / fit.energy) / level, 1.0).tolist(),
-        delay_sigma_m=np.where(live, delay_sigma_m, 1.0).tolist(),
     )

@@ -100,7 +100,8 @@ def refine(
     names = [name for name, share in zip(DIRECTIONS, free.diagonal(), strict=True) if share > SHARE]
     refined = (
         f"aligned to the radar's own depth map, over {used.sum()} pixels, from an RMS distance of "
-        f"{before_mm:.3f} mm to {after_mm:.3f} mm; not determined: {', '.join(names) or 'nothing'}; "
+        f"{before_mm:.3f} mm to {after_mm:.3f} mm; "
+        f"not determined: {', '.join(names) or 'nothing'}; "
         "the map's bias cannot show, and no covariance has it"
     )
     covariance = None

@@ -1,5 +1,5 @@
 """Fit of a rigid motion to pairs of centres by weighted least squares, without pairs that
-contradict the majority (least trimmed squares over all triples, Rousseeuw 1984).
+contradict the majority.
 
 With source points p, target points q and their covariances P, Q, the fit minimises Σ dᵀC⁻¹d of the
 residuals d = q − R·p − t, C = R·P·Rᵀ + Q.
@@ -15,13 +15,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import chdtri
 
 from handbench.calibration.spheres.description import Candidate
-from handbench.calibration.transforms import (
-    MAJORITY,
-    adjoint,
-    perturbation_jacobian,
-    triples,
-    umeyama,
-)
+from handbench.calibration.transforms import adjoint, perturbation_jacobian, umeyama
+from handbench.support.consensus import MAJORITY, nearest_majority
 from handbench.support.errors import HandbenchError
 
 MAX_STEPS = 20
@@ -158,8 +153,6 @@ def majority(pairs: Pairs) -> np.ndarray:
     """
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     agree = _agreeing(pairs, needed)
-    if not agree.any():
-        _require_condition(pairs)
     if not agree.all():
         inverted = replace(pairs, source_m=-pairs.source_m)  # a mirror image, turned by 180°
         mirrored = int(_agreeing(inverted, needed).sum())
@@ -179,39 +172,26 @@ def majority(pairs: Pairs) -> np.ndarray:
             f"deviations (residuals in mm: {', '.join(shown[:12])}); expected at least {needed} "
             "pairs to agree; check the matching and that the target stood still, or record it again"
         )
-    _require_condition(pairs[agree])
-    return agree
-
-
-def _require_condition(pairs: Pairs) -> None:
-    """Raise HandbenchError, with the condition number, if the pairs do not determine the rotation
-    because they are almost on a line."""
-    condition = pairs.condition
+    condition = pairs[agree].condition
     if condition > CONDITION:
         raise HandbenchError(
-            f"target: its {len(pairs)} common elements are on a line (condition number "
+            f"target: its {agree.sum()} common elements are on a line (condition number "
             f"{condition:.3g}, expected at most {CONDITION:g}), so the rotation about this line "
             "is unknown; use elements that span a plane"
         )
+    return agree
 
 
 def _agreeing(pairs: Pairs, needed: int) -> np.ndarray:
-    """Find the pairs that agree with the majority within GROSS: a boolean mask [n].
+    """Find the pairs that agree within GROSS with the transform of the `needed` ones that agree
+    best: a boolean mask [n]."""
 
-    Every triple of pairs gives a transform; the majority are the `needed` pairs with the smallest
-    residuals under the transform for which the sum of their squares is least. The mask is False
-    everywhere if every triple is on a line.
-    """
-    best, least = np.arange(0), np.inf
-    for triple in triples(len(pairs)):
-        three = pairs[triple]
-        if three.condition <= DEGENERATE:
-            distances = pairs.distances(umeyama(three.source_m, three.target_m))
-            nearest = np.argsort(distances, kind="stable")[:needed]
-            if (distances[nearest] ** 2).sum() < least:
-                best, least = nearest, (distances[nearest] ** 2).sum()
-    if not len(best):
-        return np.zeros(len(pairs), dtype=bool)
-    some = pairs[best]
-    distances = pairs.distances(umeyama(some.source_m, some.target_m, weights=some.weights))
-    return np.asarray(distances <= GROSS)
+    def distances(chosen: np.ndarray) -> np.ndarray:
+        some = pairs[chosen]
+        return pairs.distances(umeyama(some.source_m, some.target_m, weights=some.weights))
+
+    def usable(chosen: np.ndarray) -> bool:
+        return pairs[chosen].condition <= DEGENERATE
+
+    best = nearest_majority(len(pairs), needed, usable, distances)
+    return np.asarray(distances(best) <= GROSS)

@@ -7,10 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from handbench.calibration.transforms import MAJORITY, triples, umeyama
+from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.board.markers import Corners
 from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
+from handbench.support.consensus import MAJORITY, nearest_majority
 from handbench.support.errors import HandbenchError
 
 TRIM = 4.0  # points beyond this many times the median residual are left out of the fit
@@ -142,7 +143,7 @@ def _agreeing(
     found = _trimmed(source, target_m, np.ones(len(source), dtype=bool))
     if len(source) < FEWEST_FOR_MAJORITY:
         return found
-    other = _trimmed(source, target_m, _nearest_majority(source, target_m))
+    other = _trimmed(source, target_m, _majority(source, target_m))
     return other if FAR_BETTER * np.median(other[2]) < np.median(found[2]) else found
 
 
@@ -166,22 +167,19 @@ def _trimmed(
     return matrix, kept, residuals_m
 
 
-def _nearest_majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
-    """Return a mask [n] of the majority of points that agree best with a similarity transform.
+def _majority(source: np.ndarray, target_m: np.ndarray) -> np.ndarray:
+    """Return a mask [n] of the majority of points that agree best with a similarity transform."""
 
-    Each triple of points proposes a transform. The best one is that with the smallest sum of
-    squared residuals over the 60 % of points that fit it best; these points are the majority.
-    """
-    needed, best, least = ceil(MAJORITY * len(source)), np.arange(len(source)), np.inf
-    for triple in triples(len(source)):
-        if not (_collinear(source[triple]) or _collinear(target_m[triple])):
-            residuals_m = _residuals_m(
-                umeyama(source[triple], target_m[triple], with_scale=True), source, target_m
-            )
-            nearest = np.argsort(residuals_m, kind="stable")[:needed]
-            if (residuals_m[nearest] ** 2).sum() < least and not _collinear(target_m[nearest]):
-                best, least = nearest, (residuals_m[nearest] ** 2).sum()
-    return np.isin(np.arange(len(source)), best)
+    def usable(chosen: np.ndarray) -> bool:
+        return not (_collinear(source[chosen]) or _collinear(target_m[chosen]))
+
+    def residuals_m(chosen: np.ndarray) -> np.ndarray:
+        matrix = umeyama(source[chosen], target_m[chosen], with_scale=True)
+        return _residuals_m(matrix, source, target_m)
+
+    count = len(source)
+    best = nearest_majority(count, ceil(MAJORITY * count), usable, residuals_m)
+    return np.isin(np.arange(count), best)
 
 
 def _residuals_m(matrix: np.ndarray, source: np.ndarray, target_m: np.ndarray) -> np.ndarray:

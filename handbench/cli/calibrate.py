@@ -8,7 +8,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
-from handbench.calibration.array.array_file import save_array, with_calibration
+from handbench.calibration.array.array_file import with_calibration
 from handbench.calibration.corrections import from_echoes
 from handbench.calibration.registration.refine import refine
 from handbench.calibration.registration.register import HAND_M
@@ -69,7 +69,7 @@ def _from_targets(options: argparse.Namespace) -> Transform:
     array = None
     if options.array is not None:
         array = calibrate_array(options.capture)
-        save_array(options.array, array)
+        write_json(options.array, array.model_dump())
         say(f"{options.array}: {array.summary()}")
     transform = calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)

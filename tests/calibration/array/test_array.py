@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.array.array_file import ArrayCalibration, load_array, save_array
+from handbench.calibration.array.array_file import ArrayCalibration, load_array
 from handbench.calibration.array.estimate import estimate_array
 from handbench.calibration.spheres.description import Target
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
+from handbench.support.files import write_json
 
 C = 299_792_458.0
 NOMINAL = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
@@ -74,13 +75,11 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_responses_come_back_at_the_papers_noise_as_far_as_they_promise(noisy, centres_m):
+def test_responses_come_back_at_the_papers_noise(noisy, centres_m):
     """0.02 in amplitude and in phase; noise alone gives 0.011 (5 balls of 47 × 32 samples each).
     Phases are without what a shift of the whole image explains: the rest blurs. Delays are better
-    than noise leaves them, 0.17 mm. Normalised levels of 93 antennas average 1: ± 0.25 is three
-    standard errors of independent ones."""
+    than noise leaves them, 0.17 mm."""
     truth, found = noisy
-    normalised = []
     for side, gain, delay_m, leg in zip(
         (found.tx, found.rx), truth.gains, truth.delays_m, NOMINAL.legs, strict=True
     ):
@@ -93,9 +92,7 @@ def test_responses_come_back_at_the_papers_noise_as_far_as_they_promise(noisy, c
         assert rms(level) < 0.02
         assert rms(phase - shift @ np.linalg.lstsq(shift, phase)[0]) < 0.02
         miss_m = (np.array(side.delay_m) - delay_m)[live]
-        assert rms(miss_m - miss_m.mean()) < 1.5e-4 < np.median(side.delay_sigma_m)
-        normalised.extend(level / np.array(side.gain_sigma)[live])
-    assert rms(normalised) == pytest.approx(1, abs=0.25)
+        assert rms(miss_m - miss_m.mean()) < 1.5e-4
 
 
 def test_another_capture_becomes_sharp_without_the_dead_antenna(noisy):
@@ -179,7 +176,6 @@ def test_it_is_applied_to_its_own_array_only(noisy):
         ('"version"', '"gian": 1, "version"', "unknown key 'gian'"),
         ('"gain": [', '"gain": [[1, 0], ', "has 48 entries, but 'nominal_m' has 47"),
         ('"gain": [[', '"gain": [[NaN, 0], [', r"'tx.gain.0.0' is nan"),
-        ('"delay_sigma_m": [', '"delay_sigma_m": [-1.0, ', r"'tx.delay_sigma_m.0' is -1.0"),
         ("{", "[{}]; {", "valid dictionary"),
     ],
 )
@@ -187,7 +183,7 @@ def test_a_wrong_file_is_refused_in_one_line_and_the_right_one_comes_back(
     tmp_path, noisy, find, put, expected
 ):
     path = tmp_path / "array.json"
-    save_array(path, noisy[1])
+    write_json(path, noisy[1].model_dump())
     assert load_array(path) == noisy[1]
     content = json.dumps(json.loads(path.read_text()))
     assert find in content
