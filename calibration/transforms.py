@@ -1,14 +1,12 @@
 """Similarity transforms (rotation, translation, scale) between named frames, their fit to matched
 points, and their files."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isqrt
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
@@ -23,6 +21,7 @@ Numbers = Annotated[  # also in rows
     BeforeValidator(lambda rows: np.ravel(rows).tolist()),
 ]
 Matrix = Annotated[Numbers, Field(min_length=16, max_length=16)]  # 4×4, row by row
+Covariance = Annotated[Numbers, Field(min_length=36, max_length=36)]  # 6×6
 
 
 @dataclass(frozen=True)
@@ -31,10 +30,10 @@ class Transform:
     `target_from_source`.
 
     source, target: names of the frames. matrix: 4×4, upper left = scale · rotation, last column in
-    metres. covariance: 6×6, or 7×7 with log scale, of [translation_m, rotation_rad(, log scale)] of
-    a small motion that is applied after the transform, in the target frame and about its origin.
-    residuals_m: one distance for each matched point. refined: how alignment to the radar's depth
-    map changed the fit, and why to distrust it (None: not refined).
+    metres. covariance: 6×6, of [translation_m, rotation_rad] of a small motion that is applied
+    after the transform, in the target frame and about its origin. residuals_m: one distance for
+    each matched point. refined: how alignment to the radar's depth map changed the fit, and why to
+    distrust it (None: not refined).
     """
 
     source: str
@@ -63,9 +62,8 @@ class Transform:
         """Compute the covariance [..., 3, 3] (m²) of points [..., 3] of the target frame that is
         due to the transform's uncertainty. Raises HandbenchError if the transform has no
         covariance."""
-        covariance = self.require_covariance()
-        jacobian = perturbation_jacobian(points_m)[..., : len(covariance)]
-        return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+        jacobian = perturbation_jacobian(points_m)
+        return jacobian @ self.require_covariance() @ np.swapaxes(jacobian, -1, -2)
 
     def require_covariance(self) -> np.ndarray:
         """Return the covariance. Raises HandbenchError if there is none."""
@@ -86,13 +84,8 @@ class Transform:
         return self
 
     def inverse(self) -> "Transform":
-        """Return the transform from target to source, without a covariance."""
-        matrix = np.eye(4)
-        matrix[:3, :3] = self.rotation.T / self.scale
-        matrix[:3, 3] = -matrix[:3, :3] @ self.matrix[:3, 3]
-        return Transform(
-            self.target, self.source, matrix, residuals_m=self.residuals_m, refined=self.refined
-        )
+        """Return the transform from target to source, without what is known of its errors."""
+        return Transform(self.target, self.source, np.linalg.inv(self.matrix))
 
     def save(self, path: str | Path) -> None:
         """Write the transform to a JSON file, atomically; `load_transform` reads it."""
@@ -108,17 +101,13 @@ class Transform:
         write_json(path, content)
 
 
-def _in_rows(numbers: Sequence[float]) -> np.ndarray:
-    return np.reshape(numbers, (isqrt(len(numbers)), -1))
-
-
 class TransformFile(Config, extra="ignore"):
     """The content of a transform's file, see `Transform`."""
 
     source: str = Field(alias="from")
     target: str = Field(alias="to")
     matrix: Matrix
-    covariance: Annotated[Numbers, AfterValidator(_in_rows)] | None = None
+    covariance: Covariance | None = None
     residuals_m: Numbers = ()
     refined: str | None = None
 
@@ -129,11 +118,11 @@ def identity(frame: str) -> Transform:
 
 
 def perturbation_jacobian(points_m: np.ndarray) -> np.ndarray:
-    """Compute the derivatives [..., 3, 7] of points [..., 3] with respect to a small motion
-    [translation_m, rotation_rad, log scale] about the origin of their frame: dp = t + ω×p + λp."""
+    """Compute the derivatives [..., 3, 6] of points [..., 3] with respect to a small motion
+    [translation_m, rotation_rad] about the origin of their frame: dp = t + ω×p."""
     points_m = np.asarray(points_m, np.float64)[..., None]
     turns = -np.cross(points_m, np.eye(3), axis=-2)
-    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns, points_m], axis=-1)
+    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=-1)
 
 
 def adjoint(step_m: np.ndarray) -> np.ndarray:
@@ -141,7 +130,7 @@ def adjoint(step_m: np.ndarray) -> np.ndarray:
     to the same motion about a point shifted by step_m [3]: the translation becomes t' = t + ω×step,
     the rotation stays."""
     matrix = np.eye(6)
-    matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:6]
+    matrix[:3, 3:] = perturbation_jacobian(step_m)[:, 3:]
     return matrix
 
 
@@ -195,15 +184,14 @@ def load_transform(path: str | Path) -> Transform:
         )
     covariance = None
     if file.covariance is not None:
-        covariance = np.array(file.covariance)
-        least = -1e-6 * np.abs(covariance).max()
+        covariance = np.reshape(file.covariance, (6, 6))
+        largest = 1e-6 * np.abs(covariance).max()
         if (
-            covariance.shape not in {(6, 6), (7, 7)}
-            or np.abs(covariance - covariance.T).max() > -least
-            or np.linalg.eigvalsh(covariance)[0] < least
+            np.abs(covariance - covariance.T).max() > largest
+            or np.linalg.eigvalsh(covariance)[0] < -largest
         ):
             raise HandbenchError(
-                f"{path}: 'covariance' is not 6×6 or 7×7, symmetric and positive; calibrate again"
+                f"{path}: 'covariance' is not symmetric and positive; calibrate again"
             )
     residuals_m = np.array(file.residuals_m)
     return Transform(file.source, file.target, matrix, covariance, residuals_m, file.refined)

@@ -75,9 +75,8 @@ def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict
     for other in echoes:
         if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
             raise HandbenchError(
-                f"{source}: something at {np.round(other.peak_m, 3)} m echoes with "
-                f"{other.level_db:.0f} dB of the strongest ball; remove it from the view, and "
-                "check the description of the target"
+                f"{source}: something at {np.round(other.peak_m, 3)} m echoes as strongly as a "
+                "ball; remove it from the view, and check the description of the target"
             )
     balls = fit_balls(calibrated, target, balls, echoes)
     placed_m = _placed(target, balls)

@@ -110,7 +110,7 @@ def refine(
         covariance = variance_m2 * steps @ steps.T
     if names and start.covariance is not None:
         unmoved = to_origin @ free @ np.linalg.inv(to_origin)
-        covariance += unmoved @ start.covariance[:6, :6] @ unmoved.T
+        covariance += unmoved @ start.covariance @ unmoved.T
     return replace(moved, covariance=covariance, refined=refined)
 
 

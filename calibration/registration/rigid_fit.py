@@ -127,7 +127,7 @@ def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
     units = np.diag([extent_m] * 3 + [1.0] * 3)  # of the unknowns
     for _ in range(MAX_STEPS):
         offsets, information = near.offsets(matrix), near.information(matrix[:3, :3])
-        jacobian = perturbation_jacobian(near.target_m - offsets)[:, :, :6] @ units
+        jacobian = perturbation_jacobian(near.target_m - offsets) @ units
         normal = np.einsum("nia,nij,njb->ab", jacobian, information, jacobian)
         factor = cho_factor(normal)
         step = cho_solve(factor, np.einsum("nia,nij,nj->a", jacobian, information, offsets))

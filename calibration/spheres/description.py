@@ -21,7 +21,6 @@ from handbench.support.errors import HandbenchError
 SQUARE_M = 0.12  # side of the default target's square
 # how far two distances may differ: detection, the target's making, the photographs' scale
 TOLERANCE_M = 0.002
-MAX_CANDIDATES = 80
 
 
 class Element(Config):
@@ -110,12 +109,12 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
     found.
     """
     needed = min(4, len(target.element))
-    found = assignments(candidates[:MAX_CANDIDATES], target)
+    found = assignments(candidates, target)
     if not found or len(found[0]) < needed:
         raise HandbenchError(
-            f"{sensor}: {len(found[0]) if found else 0} of {len(candidates)} detections match "
-            f"elements of the target; expected at least {needed} of {len(target.element)}; check "
-            "the description of the target, the scale, and that all elements are in view"
+            f"{sensor}: match {len(found[0]) if found else 0} elements of the target; expected at "
+            f"least {needed} of {len(target.element)}; check the description of the target, the "
+            "scale, and that all elements are in view"
         )
     best = found[0]
     if len(found) > 1:
@@ -151,11 +150,12 @@ def assignments(candidates: Sequence[Candidate], target: Target) -> list[Assignm
                 found = [chosen] if len(chosen) > best else [*found, chosen]
                 best = len(chosen)
             return
+        wanted = wanted_m[element, list(chosen)]
         for i, candidate in enumerate(candidates):
-            others = list(chosen)
-            gaps = measured_m[i, [chosen[o] for o in others]] - wanted_m[element, others]
-            if element in candidate.elements and (np.abs(gaps) < TOLERANCE_M).all():
-                extend(element + 1, {**chosen, element: i})
+            if element in candidate.elements:
+                gaps = measured_m[i, list(chosen.values())] - wanted
+                if (np.abs(gaps) < TOLERANCE_M).all():
+                    extend(element + 1, {**chosen, element: i})
         extend(element + 1, chosen)  # the element is not seen
 
     extend(0, {})

@@ -37,10 +37,9 @@ FARTHEST_M = 0.01  # a maximum from which the fit moves farther is no echo
 @dataclass(frozen=True)
 class DetectedBall(Candidate):
     """A steel ball detected by the radar. peak_m [3]: the point of its surface from which the echo
-    comes; level_db: strength of the echo relative to the strongest one."""
+    comes."""
 
     peak_m: np.ndarray
-    level_db: float
 
 
 def find_balls(
@@ -49,26 +48,23 @@ def find_balls(
     """Find all echoes in a capture's first frame that may be the target's balls, the strongest
     first. Their centres are first guesses for `fit_balls`.
 
-    An echo is listed once for each size of element, since the centre of the ball behind it depends
-    on the size. threshold_db: the weakest echo that counts, relative to the strongest. Raises
+    An echo is listed once for each element, since the centre of the ball behind it depends on the
+    element's size. threshold_db: the weakest echo that counts, relative to the strongest. Raises
     HandbenchError for a capture without a MIMO array, or with tones too sparse for the volume's
     depth.
     """
     array = mimo_array(capture)
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
     centres_m, strengths = _separate_echoes(_thinned(capture), radius_m, 10 ** (threshold_db / 20))
-    sizes: dict[tuple[float, float], list[int]] = {}
-    for i, (element, delay_m) in enumerate(zip(target.element, target.foam_delay_m, strict=True)):
-        sizes.setdefault((element.ball_radius_m, delay_m), []).append(i)
     middle_m = np.concatenate([array.tx_m, array.rx_m]).mean(axis=0)
+    sizes = [*zip(target.element, target.foam_delay_m, strict=True)]
     balls = []
     for i in np.argsort(-strengths):
         away = (centres_m[i] - middle_m) / np.linalg.norm(centres_m[i] - middle_m)
         peak_m = centres_m[i] - radius_m * away
-        level_db = float(20 * np.log10(strengths[i] / strengths.max()))
-        for (ball_radius_m, delay_m), elements in sizes.items():
-            centre_m = peak_m + (ball_radius_m - delay_m) * away
-            balls.append(DetectedBall(centre_m, np.eye(3), tuple(elements), peak_m, level_db))
+        for element, (described, delay_m) in enumerate(sizes):
+            centre_m = peak_m + (described.ball_radius_m - delay_m) * away
+            balls.append(DetectedBall(centre_m, np.eye(3), (element,), peak_m))
     return balls
 
 

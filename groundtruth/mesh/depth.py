@@ -103,8 +103,7 @@ def reference_on_grid(
         found = found._replace(velocity_m_s=_spread(hit, radial_m_s, np.nan))
     if registration is None or registration.covariance is None:
         return found
-    jacobian = perturbation_jacobian(points_m)[..., : len(registration.covariance)]
-    leverage = np.einsum("ni,nij->nj", slant, jacobian)
+    leverage = np.einsum("ni,nij->nj", slant, perturbation_jacobian(points_m))
     return found._replace(leverage=_spread(hit, leverage, np.nan), registration=registration)
 
 

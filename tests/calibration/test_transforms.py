@@ -59,8 +59,8 @@ def test_the_inverse_undoes_far_from_the_origin_at_any_scale(rng, scale):
 
 
 def test_the_jacobian_is_the_derivative(rng):
-    point, step = rng.uniform(-1, 1, 3), 1e-6 * rng.standard_normal(7)
-    moved = np.exp(step[6]) * Rotation.from_rotvec(step[3:6]).apply(point) + step[:3]
+    point, step = rng.uniform(-1, 1, 3), 1e-6 * rng.standard_normal(6)
+    moved = Rotation.from_rotvec(step[3:6]).apply(point) + step[:3]
     np.testing.assert_allclose(moved - point, perturbation_jacobian(point) @ step, atol=1e-11)
 
 
@@ -75,7 +75,7 @@ def test_a_points_covariance_grows_with_its_distance_from_the_pivot():
         identity("radar").point_covariance(np.zeros(3))
 
 
-@pytest.mark.parametrize("unknowns", [None, 6, 7])
+@pytest.mark.parametrize("unknowns", [None, 6])
 def test_a_transform_file_comes_back(tmp_path, rng, unknowns):
     root = rng.standard_normal((unknowns or 1, unknowns or 1)) * 1e-4
     covariance = root @ root.T if unknowns else None
@@ -114,7 +114,7 @@ NO_ROTATION, NO_MATRIX = "it has a reflection or a shear", "'matrix"
         ({"matrix": EYE + 1e9 * np.eye(4, k=3)}, "should be less than"),
         ({"covariance": np.eye(5)}, "'covariance' is"),
         ({"covariance": -np.eye(6)}, "symmetric and positive"),
-        ({"covariance": np.ones((6, 7))}, "'covariance' is not 6×6 or 7×7"),
+        ({"covariance": np.ones((6, 7))}, "'covariance' is"),
         ({"covariance": [1] * 37}, "'covariance' is [1, 1"),
         ({"covariance": []}, "'covariance' is"),
         ({"residuals_m": ["a"]}, "'residuals_m.0' is 'a'"),

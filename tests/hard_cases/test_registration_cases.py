@@ -263,7 +263,7 @@ def fitted(centres_m: np.ndarray, noise: float, off_m: float) -> dict[int, Detec
     samples = np.sum(one_by_one, axis=0, dtype=np.complex128)
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
-    seeds = {i: DetectedBall(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    seeds = {i: DetectedBall(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
     return fit_balls(capture(samples + level * (white[0] + 1j * white[1]), TONES_HZ), target, seeds)
 
 

@@ -60,7 +60,7 @@ def test_a_mirrored_target_is_refused(rng):
         )
     )
     assert len(match(candidates(placed(rng, tetrapod.centres_m)), tetrapod, "echoes")) == 4
-    words = r"echoes: \d of 4 detections match elements of the target"
+    words = r"echoes: match \d elements of the target"
     with pytest.raises(HandbenchError, match=words):
         match(candidates(placed(rng, tetrapod.centres_m * [1, 1, -1])), tetrapod, "echoes")
 

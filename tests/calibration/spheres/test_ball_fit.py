@@ -37,7 +37,7 @@ def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -
 
 def seeds(centres_m: np.ndarray, off_m: float = 3e-4) -> dict[int, DetectedBall]:
     """Balls as recognised in the image, off_m from their places along each axis."""
-    return {i: DetectedBall(c + off_m, np.eye(3), (i,), c, 0.0) for i, c in enumerate(centres_m)}
+    return {i: DetectedBall(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
 
 
 def captured(samples: np.ndarray, array: AntennaArray = ARRAY) -> RadarCapture:
@@ -78,9 +78,7 @@ def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, pla
     samples += noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
     beside_m = placed[0] - [0.07, 0.0, 0.0]
     clutter = sphere_echo(beside_m, 0.02, 0.0, TONES_HZ, WHOLE)
-    peak = DetectedBall(
-        beside_m, np.eye(3), (0,), beside_m * (1 - 0.02 / np.linalg.norm(beside_m)), 0.0
-    )
+    peak = DetectedBall(beside_m, np.eye(3), (0,), beside_m * (1 - 0.02 / np.linalg.norm(beside_m)))
     calm = fit_balls(captured(samples, WHOLE), target, seeds(placed, 1e-4))
     found = fit_balls(captured(samples + clutter, WHOLE), target, seeds(placed, 1e-4), [peak])
     for i, ball in found.items():
