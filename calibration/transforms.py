@@ -1,7 +1,8 @@
 """Similarity transforms (rotation, translation, scale) between named frames, their fit to matched
 points, and their files."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -40,7 +41,7 @@ class Transform:
     target: str
     matrix: np.ndarray
     covariance: np.ndarray | None = None
-    residuals_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    residuals_m: Sequence[float] | np.ndarray = ()
     refined: str | None = None
 
     @property
@@ -170,21 +171,25 @@ def load_transform(path: str | Path) -> Transform:
     similarity without reflection and its covariance, if there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     file = parse(TransformFile, content, str(path))
-    matrix = np.reshape(file.matrix, (4, 4))
-    linear = matrix[:3, :3]
-    scale2 = np.trace(linear @ linear.T) / 3
+    covariance = None if file.covariance is None else np.reshape(file.covariance, (6, 6))
+    transform = Transform(
+        file.source,
+        file.target,
+        np.reshape(file.matrix, (4, 4)),
+        covariance,
+        file.residuals_m,
+        file.refined,
+    )
     if (
-        np.linalg.det(linear) <= 0
-        or np.abs(linear @ linear.T - scale2 * np.eye(3)).max() > 1e-6 * scale2
-        or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12
+        not transform.scale > 0
+        or np.abs(transform.rotation @ transform.rotation.T - np.eye(3)).max() > 1e-6
+        or np.abs(transform.matrix[3] - [0, 0, 0, 1]).max() > 1e-12
     ):
         raise HandbenchError(
             f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear, "
             "or its last row is not [0, 0, 0, 1]); calibrate again"
         )
-    covariance = None
-    if file.covariance is not None:
-        covariance = np.reshape(file.covariance, (6, 6))
+    if covariance is not None:
         largest = 1e-6 * np.abs(covariance).max()
         if (
             np.abs(covariance - covariance.T).max() > largest
@@ -193,5 +198,4 @@ def load_transform(path: str | Path) -> Transform:
             raise HandbenchError(
                 f"{path}: 'covariance' is not symmetric and positive; calibrate again"
             )
-    residuals_m = np.array(file.residuals_m)
-    return Transform(file.source, file.target, matrix, covariance, residuals_m, file.refined)
+    return transform

@@ -40,7 +40,7 @@ FARTHEST_SIGMAS = 4.0
 LEAST_SIGMA_M = 5e-5  # of the manufacture
 TINY = 1e-15  # below any gain
 # Gains [n], delays_m [n], and information on the delays times the noise's variance [n]: Σ|m|²(k −
-# k̄)² of the model m of their samples with response 1
+# k̄)² of the model m of their samples
 Fit = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -122,7 +122,7 @@ def _fit_responses(
         tx = _fit(samples, balls * b, tx[1], k)
         a = _response(tx, k)[:, :, None]
         rx = _fit(samples.swapaxes(1, 2), (balls * a).swapaxes(1, 2), rx[1], k)
-    rest = samples - balls * _response(tx, k)[:, :, None] * _response(rx, k)[:, None]
+    rest = samples - balls * a * _response(rx, k)[:, None]
     noise = float(np.mean(np.abs(rest) ** 2)) / 2  # per real and imaginary part
     sides = [
         _side(leg.position_m, one, noise) for leg, one in zip(array.legs, (tx, rx), strict=True)
@@ -148,8 +148,8 @@ def _fit(samples: np.ndarray, model: np.ndarray, delays_m: np.ndarray, k: np.nda
     energy_k2 = (power * centred_k**2).sum(axis=0)
     gains = seen.sum(axis=0) / energy
     slopes = (centred_k * seen).sum(axis=0) * gains.conj()
-    steps_m = -slopes.imag / energy_k2 / np.maximum(np.abs(gains), TINY) ** 2
-    return gains, delays_m + steps_m, energy_k2
+    information = energy_k2 * np.maximum(np.abs(gains), TINY) ** 2
+    return gains, delays_m - slopes.imag / information, information
 
 
 def _side(nominal_m: np.ndarray, fit: Fit, noise: float) -> dict[str, Any]:
@@ -157,13 +157,13 @@ def _side(nominal_m: np.ndarray, fit: Fit, noise: float) -> dict[str, Any]:
     with the mean log level, phase and delay 0 over the antennas that work. Their delays are shrunk
     by the share of noise in their variance (James–Stein). noise: variance of a sample's real part.
     """
-    gains, delays_m, energy_k2 = fit
+    gains, delays_m, information = fit
     level = np.maximum(np.abs(gains), TINY)
     live = level > WEAKEST * np.median(level[level > WEAKEST * level.max()])
     phase = (gains / level)[live].mean()
     gains = gains * np.exp(-np.log(level[live]).mean()) * phase.conj() / np.abs(phase)
     delays_m = delays_m - delays_m[live].mean()
-    variance_m2 = (noise / energy_k2 / level**2)[live].mean()
+    variance_m2 = (noise / information)[live].mean()
     share = 1 - min(1.0, variance_m2 / max(delays_m[live].var(), TINY**2))
     return dict(
         nominal_m=nominal_m.tolist(),

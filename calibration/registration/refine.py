@@ -104,13 +104,12 @@ def refine(
         f"not determined: {', '.join(names) or 'nothing'}; "
         "the map's bias cannot show, and no covariance has it"
     )
-    covariance = None
-    if not names or start.covariance is not None:
-        steps = to_origin @ inverse
-        covariance = variance_m2 * steps @ steps.T
-    if names and start.covariance is not None:
+    steps = to_origin @ inverse
+    covariance = variance_m2 * steps @ steps.T
+    if names:
         unmoved = to_origin @ free @ np.linalg.inv(to_origin)
-        covariance += unmoved @ start.covariance @ unmoved.T
+        of_start = start.covariance
+        covariance = None if of_start is None else covariance + unmoved @ of_start @ unmoved.T
     return replace(moved, covariance=covariance, refined=refined)
 
 

@@ -83,7 +83,7 @@ def common_pairs(
     )
 
 
-def solve(pairs: Pairs, common_cov_m2: np.ndarray | None = None) -> Transform:
+def solve(pairs: Pairs, common_cov_m2: np.ndarray | float = 0.0) -> Transform:
     """Compute the transform from the photo frame to the radar frame from pairs of centres, by
     maximum likelihood, with its covariance and the residual of every pair.
 
@@ -99,6 +99,5 @@ def solve(pairs: Pairs, common_cov_m2: np.ndarray | None = None) -> Transform:
             f"registration: {pairs.names[i]} is {1e3 * residuals_m[i]:.3g} mm away from where the "
             "other elements place it, and is left out"
         )
-    if common_cov_m2 is not None:
-        covariance[:3, :3] += common_cov_m2  # all centres move together: a translation
+    covariance[:3, :3] += common_cov_m2  # all centres move together: a translation
     return Transform("photo", "radar", matrix, covariance, residuals_m)

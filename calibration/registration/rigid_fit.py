@@ -153,15 +153,13 @@ def majority(pairs: Pairs) -> np.ndarray:
     """
     needed = min(len(pairs), max(LEAST, ceil(MAJORITY * len(pairs))))
     agree = _agreeing(pairs, needed)
-    if not agree.all():
-        inverted = replace(pairs, source_m=-pairs.source_m)  # a mirror image, turned by 180°
-        mirrored = int(_agreeing(inverted, needed).sum())
-        if mirrored >= needed and mirrored > agree.sum():
-            raise HandbenchError(
-                f"target: {mirrored} of {len(pairs)} pairs of centres fit a mirror image of the "
-                f"target and only {agree.sum()} fit the target; check that both frames are "
-                "right-handed"
-            )
+    inverted = replace(pairs, source_m=-pairs.source_m)  # a mirror image, turned by 180°
+    mirrored = _agreeing(inverted, needed).sum()
+    if mirrored >= needed and mirrored > agree.sum():
+        raise HandbenchError(
+            f"target: {mirrored} of {len(pairs)} pairs of centres fit a mirror image of the target "
+            f"and only {agree.sum()} fit the target; check that both frames are right-handed"
+        )
     if agree.sum() < needed:
         residuals_mm = 1e3 * np.linalg.norm(
             pairs.offsets(umeyama(pairs.source_m, pairs.target_m)), axis=1

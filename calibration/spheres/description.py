@@ -110,9 +110,10 @@ def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict
     """
     needed = min(4, len(target.element))
     found = assignments(candidates, target)
-    if not found or len(found[0]) < needed:
+    matched = len(found[0]) if found else 0
+    if matched < needed:
         raise HandbenchError(
-            f"{sensor}: match {len(found[0]) if found else 0} elements of the target; expected at "
+            f"{sensor}: match {matched} elements of the target; expected at "
             f"least {needed} of {len(target.element)}; check the description of the target, the "
             "scale, and that all elements are in view"
         )

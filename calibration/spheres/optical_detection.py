@@ -8,7 +8,6 @@ manufacturing tolerance.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -52,26 +51,22 @@ def find_spheres(
     radii_m = sorted({e.sphere_radius_m for e in target.element}, reverse=True)
     points_m, normals = thin_cloud(points_m, normals, min(radii_m) / VOXELS_PER_RADIUS)
     whole_m2 = (WHOLE_PX * pixel_m) ** 2 * np.eye(3)
-    spheres: list[tuple[float, Candidate]] = []
+    spheres: list[Candidate] = []
     for radius_m in radii_m:
         elements = tuple(i for i, e in enumerate(target.element) if e.sphere_radius_m == radius_m)
-        for centre_m in meeting_points(points_m, normals, radius_m):
-            near = np.linalg.norm(points_m - centre_m, axis=1) < (1 + 2 * GATE) * radius_m
-            sphere = fit_sphere(
-                points_m[near],
-                normals[near],
-                centre_m,
-                radius_m,
-                elements,
-                target.sphere_radius_sigma_m,
+        for start_m in meeting_points(points_m, normals, radius_m):
+            near = np.linalg.norm(points_m - start_m, axis=1) < (1 + 2 * GATE) * radius_m
+            fit = fit_sphere(
+                points_m[near], normals[near], start_m, radius_m, target.sphere_radius_sigma_m
             )
             # foam spheres cannot share more than a little of their space
-            if sphere is not None and all(
-                np.linalg.norm(sphere.centre_m - other.centre_m) > 0.5 * (radius_m + other_radius_m)
-                for other_radius_m, other in spheres
+            if fit is not None and all(
+                np.linalg.norm(fit[0] - other.centre_m)
+                > 0.5 * (radius_m + target.element[other.elements[0]].sphere_radius_m)
+                for other in spheres
             ):
-                spheres.append((radius_m, sphere))
-    return [replace(s, covariance_m2=s.covariance_m2 + whole_m2) for _, s in spheres]
+                spheres.append(Candidate(fit[0], fit[1] + whole_m2, elements))
+    return spheres
 
 
 def thin_cloud(
@@ -93,14 +88,12 @@ def meeting_points(
     """Yield likely centres [3] of spheres of this radius, the likeliest first: the maxima of the
     density of the points' votes for the position one radius behind them along their normal."""
     votes = points_m - radius_m * normals
-    if len(votes) == 0:
-        return
     tree = cKDTree(votes)
     count = tree.query_ball_point(votes, GATE * radius_m, return_length=True)
     for _ in range(MAX_MODES):
-        best = int(np.argmax(count))
-        if count[best] < LEAST_POINTS:
+        if count.max(initial=0) < LEAST_POINTS:
             return
+        best = count.argmax()
         yield votes[tree.query_ball_point(votes[best], GATE * radius_m)].mean(axis=0)
         count[tree.query_ball_point(votes[best], 2 * GATE * radius_m)] = 0
 
@@ -110,17 +103,15 @@ def fit_sphere(
     normals: np.ndarray,
     centre_m: np.ndarray,
     radius_m: float,
-    elements: tuple[int, ...],
     radius_sigma_m: float = 0.0,
-) -> Candidate | None:
-    """Fit a sphere to the points near a first guess of its centre; None if the points do not
-    support it.
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Fit a sphere to the points near a first guess of its centre: (centre [3], covariance [3, 3]);
+    None if the points do not support it.
 
     It is an M-estimate (Tukey's biweight w, iteratively reweighted Gauss–Newton) of the centre and
     of the radius' deviation from radius_m, which has the prior standard deviation radius_sigma_m:
-    Σ w·e² of e = |p − c| − R. elements: indices of the target's elements with this radius, copied
-    to the result. The covariance is the sandwich A⁻¹BA⁻¹, with B enlarged for correlated errors of
-    neighbouring points.
+    Σ w·e² of e = |p − c| − R. The covariance is the sandwich A⁻¹BA⁻¹, with B enlarged for
+    correlated errors of neighbouring points.
     """
     extra_m = 0.0
     for _ in range(MAX_STEPS):
@@ -160,8 +151,7 @@ def fit_sphere(
         return None
     inverse = np.linalg.pinv(((1 - u2) * (1 - 5 * u2) * design.T) @ design + prior)
     spread = shared * (score**2 * design.T) @ design + prior * prior[3, 3] * radius_sigma_m**2
-    covariance_m2 = (inverse @ spread @ inverse)[:3, :3]
-    return Candidate(centre_m, covariance_m2, elements)
+    return centre_m, (inverse @ spread @ inverse)[:3, :3]
 
 
 def _held(normal: np.ndarray, weight: float) -> bool:

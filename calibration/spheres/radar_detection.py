@@ -57,13 +57,12 @@ def find_balls(
     radius_m = float(np.median([element.ball_radius_m for element in target.element]))
     centres_m, strengths = _separate_echoes(_thinned(capture), radius_m, 10 ** (threshold_db / 20))
     middle_m = np.concatenate([array.tx_m, array.rx_m]).mean(axis=0)
-    sizes = [*zip(target.element, target.foam_delay_m, strict=True)]
     balls = []
     for i in np.argsort(-strengths):
         away = (centres_m[i] - middle_m) / np.linalg.norm(centres_m[i] - middle_m)
         peak_m = centres_m[i] - radius_m * away
-        for element, (described, delay_m) in enumerate(sizes):
-            centre_m = peak_m + (described.ball_radius_m - delay_m) * away
+        for element, delay_m in enumerate(target.foam_delay_m):
+            centre_m = peak_m + (target.element[element].ball_radius_m - delay_m) * away
             balls.append(DetectedBall(centre_m, np.eye(3), (element,), peak_m))
     return balls
 

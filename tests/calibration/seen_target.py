@@ -66,7 +66,7 @@ def register(
     optical: Sequence[Candidate],
     radar: Sequence[Candidate],
     target: Target,
-    common_cov_m2: np.ndarray | None = None,
+    common_cov_m2: np.ndarray | float = 0.0,
 ) -> Transform:
     """`radar_from_photo` from both sensors' candidates, as `find_centres` and `solve` find it."""
     photo, echo = match(optical, target, "photographs"), match(radar, target, "echoes")

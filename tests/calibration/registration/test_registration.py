@@ -100,7 +100,7 @@ def test_an_error_that_all_balls_share_widens_the_translation_alone(rng, target)
     p = placed(rng, target.centres_m)
     plain, shared = (
         register(candidates(p), candidates(p), target, common_cov_m2=c)
-        for c in (None, np.diag([0, 0, 1e-6]))
+        for c in (0.0, np.diag([0, 0, 1e-6]))
     )
     expected = np.zeros((6, 6))
     expected[2, 2] = 1e-6

@@ -100,8 +100,8 @@ def test_the_covariance_is_honest(rng, part, patch_m, radius_sigma_m, trials, lo
         made_m = 0.025 + radius_sigma_m * rng.standard_normal()
         points_m = (made_m + error_m)[:, None] * outward
         start_m = np.array([1e-3, -1e-3, 1e-3])
-        sphere = fit_sphere(points_m, outward, start_m, 0.025, (0,), radius_sigma_m)
-        nees.append(sphere.centre_m @ np.linalg.solve(sphere.covariance_m2, sphere.centre_m))
+        miss_m, covariance_m2 = fit_sphere(points_m, outward, start_m, 0.025, radius_sigma_m)
+        nees.append(miss_m @ np.linalg.solve(covariance_m2, miss_m))
     assert low < np.mean(nees) < high
 
 
