@@ -196,7 +196,8 @@ def measure_groundtruth(
 def registration_facts(registration: Transform, target: RunCapture) -> dict[str, Any]:
     """Return facts of the registration for result.json: its residuals, mm; and its error at the
     position of a hand, mm, if the true transform is known."""
-    facts: dict[str, Any] = {"registration_residuals_mm": (1e3 * registration.residuals_m).tolist()}
+    residuals_mm = [1e3 * float(residual_m) for residual_m in registration.residuals_m]
+    facts: dict[str, Any] = {"registration_residuals_mm": residuals_mm}
     true = target.folder / TRUE_TRANSFORM
     if true.exists():
         hand_m = registration.points(load_transform(true).inverse().points(HAND_M))
