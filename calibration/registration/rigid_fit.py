@@ -25,7 +25,6 @@ GROSS = 10.0  # standard deviations beyond which a pair contradicts a transform
 LEAST = 4  # pairs that must agree before another is called wrong
 CONDITION = 20.0  # of the rotation, at most: planar centres whose second extent is 5 % of the first
 EPS = np.finfo(float).eps
-DEGENERATE = 1e3  # condition of three pairs that propose nothing
 
 
 @dataclass(frozen=True)
@@ -189,7 +188,7 @@ def _agreeing(pairs: Pairs, needed: int) -> np.ndarray:
         return pairs.distances(umeyama(some.source_m, some.target_m, weights=some.weights))
 
     def usable(chosen: np.ndarray) -> bool:
-        return pairs[chosen].condition <= DEGENERATE
+        return pairs[chosen].condition <= CONDITION
 
     best = nearest_majority(len(pairs), needed, usable, distances)
     return np.asarray(distances(best) <= GROSS)

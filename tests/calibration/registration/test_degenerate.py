@@ -188,7 +188,7 @@ CONTRADICT = r"its {} pairs of centres disagree .*residuals in mm: pair 1 \d"
         (LINE + [0, 0, 1e6], 0, 1e-8, OPEN),
         (RECTANGLE, 0, 1e-8, "condition number 24, expected at most 20"),
         (WITH_ONE_BESIDE, 0, 1e-2, "are on a line .* so the rotation about this line is unknown"),
-        (WITH_ONE_BESIDE, 0.03, 1e-8, "condition number"),
+        (WITH_ONE_BESIDE, 0.03, 1e-8, CONTRADICT.format(6)),
         (SOLID[:3], 0.05, 1e-8, CONTRADICT.format(3)),
         (SOLID[:4], 0.05, 1e-8, CONTRADICT.format(4)),
     ],
