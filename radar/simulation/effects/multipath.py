@@ -259,14 +259,15 @@ def _area(corners, along):  # type: ignore[no-untyped-def]
 
 @njit(**INNER)
 def _reflected(field, before, after, gamma):  # type: ignore[no-untyped-def]
-    """Return the field of a ray after a mirror. gamma [2, cosines]: Γ_s and Γ_p over that at normal
+    """Return the field of a ray after a mirror: turned as a whole with Γ_p, and Γ_s − Γ_p more of
+    its component across the plane of incidence. gamma [2, cosines]: Γ_s and Γ_p over that at normal
     incidence."""
     normal = _unit(_minus(after, before))
     s = _unit(_cross(before, normal))
     cosine = int(_dot(after, normal) * (gamma.shape[1] - 1))
-    across = _ahead((0j, 0j, 0j), gamma[0, cosine] * _dot(field, s), s)
-    within = gamma[1, cosine] * _dot(field, _cross(before, s))
-    return _ahead(across, -within, _cross(after, s))
+    within = gamma[1, cosine]
+    turned = _ahead((0j, 0j, 0j), within, _turned(field, normal))
+    return _ahead(turned, (gamma[0, cosine] - within) * _dot(field, s), s)
 
 
 @njit(**INNER)
@@ -327,24 +328,20 @@ def land(  # type: ignore[no-untyped-def]
             step = _dot(_minus(end, corner), normal) / falling
             edge, off = _minus(_ahead(corner, step, side), end), _minus(corner, start)
             agreement += _dot(off, edge) - _dot(off, after) * _dot(edge, after)
-            edges[i, 0], edges[i, 1], edges[i, 2] = edge
-            shape[7 + 4 * i, n], shape[8 + 4 * i, n], shape[9 + 4 * i, n] = edge
+            edges[i] = edge
+            shape[7 + 4 * i : 10 + 4 * i, n] = edge
             shape[10 + 4 * i, n] = np.sqrt(_dot(way, way)) + step - distance - reach
         shape[0, n] = distance + reach - left_out_m[n]
-        shape[1, n], shape[2, n], shape[3, n] = end
-        shape[4, n], shape[5, n], shape[6, n] = normal
+        shape[1:4, n] = end
+        shape[4:7, n] = normal
         growth = _minus(after, _unit(_minus(antenna, end)))
         growth = _ahead(growth, -_dot(growth, normal), normal)
         field[n] = 0
         if lit and _dot(growth, growth) < STEEPEST**2:
-            p_m2, q_m2, onward = (
-                -_area(corners[0], ray),
-                _area(edges, normal),
-                _turned(after, normal),
-            )
+            p_m2, q_m2 = -_area(corners[0], ray), _area(edges, normal)
             level = np.sqrt(p_m2 * min(abs(q_m2), WIDEST * p_m2)) / distance
-            x, y, z = _transverse(dipole, ray)
-            wave = _reflected((x + 0j, y + 0j, z + 0j), ray, after, fresnel[layers[0, n]])
+            onward = _turned(after, normal)
+            wave = _reflected(_transverse(dipole, ray), ray, after, fresnel[layers[0, n]])
             wave = _reflected(wave, after, onward, fresnel[layers[1, n]])
             focused = 1j if q_m2 > 0 else (-1 + 0j if agreement < 0 else 1 + 0j)
             field[n] = level * focused * _dot(wave, _transverse(dipole, onward))

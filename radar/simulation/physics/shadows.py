@@ -127,8 +127,8 @@ def shadowed(
         for_each(work, range(len(at)))
         tables.append(table)
         spreads.append(spread)
-    reached = np.logical_and(*(_exceeds(table, FULL) for table in tables))
-    partial = np.logical_or(*(_exceeds(table - IN_SIGHT, FULL) for table in tables))
+    reached = np.logical_and(*(_exceeds(table) for table in tables))
+    partial = np.logical_or(*(_exceeds(table - IN_SIGHT) for table in tables))
     reached = reached[corner].any(axis=1)
     corner[~partial[corner].any(axis=1)] = -1
     detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
@@ -306,10 +306,10 @@ def _fade(x):  # type: ignore[no-untyped-def]
     return ONE - t * t * (THREE - t - t)
 
 
-def _exceeds(table: np.ndarray, limit: float) -> np.ndarray:
+def _exceeds(table: np.ndarray) -> np.ndarray:
     """Return a boolean mask [s], True for points of a table [s, 3, nodes] at which some complex
-    coefficient exceeds a limit in magnitude."""
-    return np.asarray((table.real**2 + table.imag**2 > limit**2).any(axis=(1, 2)))
+    coefficient exceeds FULL in magnitude."""
+    return np.asarray((abs(table) > FULL).any(axis=(1, 2)))
 
 
 def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarray]:
@@ -346,7 +346,5 @@ def _samples(body: Body, facets: Scatterers) -> tuple[np.ndarray, np.ndarray, np
     coarse = np.flatnonzero(edges_m > COARSE_M)
     corner[coarse] = len(body.vertices_m) + coarse[:, None]
     places_m = np.concatenate([body.vertices_m, facets.position_m])
-    used = np.zeros(len(places_m), bool)
-    used[corner] = True
-    corner = (np.cumsum(used) - 1).astype(np.int32)[corner]
-    return places_m[used], corner, np.asarray(facets.share, np.float32)
+    used, corner = np.unique(corner, return_inverse=True)
+    return places_m[used], corner.astype(np.int32), np.asarray(facets.share, np.float32)
