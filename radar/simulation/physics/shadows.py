@@ -133,8 +133,8 @@ def shadowed(
     corner[~partial[corner].any(axis=1)] = -1
     detour_m = 0.75 * FARTHEST / wavenumbers[-1]  # whose wave has half faded
     beside = 1 / (4 * turns_per_m.max() * apart_m)  # waves from there turn by π/2 per node
-    tables_of_legs, spreads_of_legs = (tables[0], tables[1]), (spreads[0], spreads[1])
-    sight = Sight(corner, share, tables_of_legs, spreads_of_legs, middle, half, detour_m, beside)
+    legs = (tables[0], tables[1]), (spreads[0], spreads[1])
+    sight = Sight(corner, share, *legs, middle, half, detour_m, beside)
     return replace(facets, sight=sight), reached
 
 
@@ -195,7 +195,7 @@ def edge_waves(
     antenna there without obstacles: (1/2π) Σ ∫ e^{−jkδ} dφ, complex64 [k, n], for each wavenumber
     [k], in the original order of the points. Amplitudes are those at the middle wavenumber."""
     waves = np.zeros((2, len(wavenumbers), len(cubes.order)), np.float32)
-    middle = float(wavenumbers.min() + wavenumbers.max()) / 2
+    middle = wavenumbers.mean()
     ways_m = (cubes.position_m - antenna_m[:, None]).astype(np.float32)
     ends_m = outline.start_m, outline.end_m
     edges = (ends_m[0] + ends_m[1]) / 2, (ends_m[1] - ends_m[0]) / 2, outline.within_m
@@ -214,18 +214,15 @@ def _waves(  # type: ignore[no-untyped-def]
     """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
     by cube, with only those edges that matter for some point of the cube. edges_m [e, 7]: middle,
     half of the vector from start to end, and the limit of the points' distance."""
-    most = 0
-    for cube in range(len(radius_m)):
-        most = max(most, starts[cube + 1] - starts[cube])
+    most = np.diff(starts).max()
     amplitude, detour_m = np.empty(most, np.float32), np.empty(most, np.float32)
     for cube in range(len(radius_m)):
         here = slice(starts[cube], starts[cube + 1])
         for e in range(len(edges_m)):
             if not _near(edges_m[e], centres_m[cube], radius_m[cube], FARTHEST / wavenumber):
                 continue
-            edge = edges_m[e, :3], edges_m[e, 3:6], edges_m[e, 6]
             x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
-            _edge(x, y, z, *edge, wavenumber, amplitude, detour_m)
+            _edge(x, y, z, edges_m[e], wavenumber, amplitude, detour_m)
             for k in range(len(wavenumbers)):
                 turns = np.float32(wavenumbers[k] / (2 * np.pi))
                 re, im = waves[0, k, here], waves[1, k, here]
@@ -254,17 +251,15 @@ def _near(edge_m, centre_m, radius_m, latest_m):  # type: ignore[no-untyped-def]
 
 @njit(**INNER)
 def _edge(  # type: ignore[no-untyped-def]
-    x_m, y_m, z_m, middle, half, within_m, wavenumber, amplitude, detour_m
+    x_m, y_m, z_m, edge_m, wavenumber, amplitude, detour_m
 ):
     """Compute the wave of one edge at n points: its amplitude [n], which is the angle of the edge
     around the ray, over 2π, and its detour [n].
 
-    x_m, y_m, z_m [n]: the points as seen from the antenna; middle, half [3]: the middle of the edge
-    from the antenna, and half of the vector from its start to its end. The amplitude is smaller
-    where the phase differs between both, and 0 where the edge does not count.
+    x_m, y_m, z_m [n]: the points as seen from the antenna; edge_m [7]: see `_waves`. The amplitude
+    is smaller where the phase differs between start and end, and 0 where the edge does not count.
     """
-    mx, my, mz = middle
-    hx, hy, hz = half
+    mx, my, mz, hx, hy, hz, within_m = edge_m
     nx, ny, nz = TWO * (hy * mz - hz * my), TWO * (hz * mx - hx * mz), TWO * (hx * my - hy * mx)
     far_m = np.sqrt(mx * mx + my * my + mz * mz)
     inverse, half_m2 = ONE / far_m, hx * hx + hy * hy + hz * hz
