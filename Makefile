@@ -6,7 +6,7 @@ RUN    ?= runs/table
 ROOMS  := radar calibration groundtruth bench reports
 LINKS  := .types/handbench
 
-.PHONY: setup table test test-all test-random hard-cases gpu fuzz bench lint docs coverage \
+.PHONY: setup table test test-all test-random messages hard-cases gpu fuzz bench lint docs coverage \
   requirements clean
 
 setup: $(VENV)/.ready $(LINKS)
@@ -60,6 +60,12 @@ test-random: setup
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile random \
 	  --hypothesis-seed $(SEED) -n 2 --dist loadfile || \
 	  { echo "Property tests failed with seed $(SEED); $(AGAIN)"; exit 1; }
+
+# What the tests see refused, to be read by people: runs/messages.txt, one message a line.
+messages: setup
+	mkdir -p runs && rm -f runs/messages.txt
+	HANDBENCH_MESSAGES=$(CURDIR)/runs/messages.txt $(BIN)/python -m pytest -n 2 --dist loadfile
+	sort -u -o runs/messages.txt runs/messages.txt && cat runs/messages.txt
 
 # The hard cases on this machine, its GPU too where there is one, with their table;
 # GROUPS="phase data" runs two groups.
