@@ -11,6 +11,7 @@ from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.scene import Material
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
@@ -56,8 +57,6 @@ def require_one_of(name: str, known: Collection[str]) -> str:
 
 
 def _require_effect(name: str) -> str:
-    from handbench.radar.simulation.catalogue import EFFECTS  # here, since it loads the engine
-
     return require_one_of(name, [effect.id for effect in EFFECTS])
 
 

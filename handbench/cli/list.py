@@ -12,6 +12,7 @@ from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
 from handbench.radar.methods.registry import METHODS, Method
+from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import print_wrapped
@@ -75,8 +76,6 @@ def _entries(section: str) -> Iterator[Entry]:
         for name, file in embedded_benchmarks().items():
             yield Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "))
     elif section == "effects":
-        from handbench.radar.simulation.catalogue import EFFECTS  # numba and scipy
-
         for effect in EFFECTS:
             yield Entry(effect.id, effect.does, details={"source": effect.source})
     elif section == "datasets":

@@ -2,18 +2,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
-from handbench.radar.simulation.effects import (
-    clutter,
-    materials,
-    motion,
-    multipath,
-    sensor,
-    target_surface,
-)
-from handbench.radar.simulation.movement import moves
-from handbench.radar.simulation.physics.facets import convex_block
+from handbench.radar.simulation.physics.meshes import convex_block
 from handbench.radar.simulation.scene import EchoScene
 
 
@@ -22,10 +14,8 @@ class Effect:
     """One effect of simulated echoes.
 
     id: its name in scene files; does: what it does; source: the source of its model; needs: what in
-    a scene calls for it, in words; cause: function that tells whether a scene has that; apply: the
-    function of the effect. It takes the `Echoes` and changes them in place or, if the effect is one
-    of RECORDING, it takes the `Echoes` and the samples [frame, f, t, r], and returns the samples
-    with the effect.
+    a scene calls for it, in words; cause: function that tells whether a scene has that; module: the
+    one of `simulation.effects` whose function with the effect's name applies it.
     """
 
     id: str
@@ -33,7 +23,16 @@ class Effect:
     source: str
     needs: str
     cause: Callable[[EchoScene], bool]
-    apply: Callable[..., Any]
+    module: str
+
+    @property
+    def apply(self) -> Callable[..., Any]:
+        """The function of the effect, whose module is imported when the effect is simulated. It
+        takes the `Echoes` and changes them in place or, if the effect is one of RECORDING, it takes
+        the `Echoes` and the samples [frame, f, t, r], and returns the samples with the effect."""
+        module = import_module(f"handbench.radar.simulation.effects.{self.module}")
+        function: Callable[..., Any] = getattr(module, self.id)
+        return function
 
 
 def _has_surface(scene: EchoScene) -> bool:
@@ -47,6 +46,19 @@ def _hides(scene: EchoScene) -> bool:
     )
 
 
+def _has_dielectric(scene: EchoScene) -> bool:
+    """Return True if the target is of plastic, or its balls are in foam."""
+    plastic = scene.target is not None and scene.target.material.kind == "plastic"
+    return plastic or any(ball.foam_delay_m > 0 for ball in scene.balls)
+
+
+def _moves(scene: EchoScene) -> bool:
+    """Tell whether the scene's target moves."""
+    motion = scene.motion
+    rates = (motion.amplitude_m, motion.velocity_m_s, *motion.rotation_deg_s)
+    return any(rates) or scene.bent is not None
+
+
 SURFACE = "a target with a surface"
 PARTS = "a target with a surface that is no lone plate or box"
 
@@ -57,7 +69,7 @@ SHAPING: tuple[Effect, ...] = (
         "normal errors of the given spread, drawn once per scene",
         "[sensor.positions] with sigma_m",
         lambda scene: scene.sensor.positions.sigma_m > 0,
-        sensor.positions,
+        "sensor",
     ),
     Effect(
         "pattern",
@@ -65,7 +77,7 @@ SHAPING: tuple[Effect, ...] = (
         "cosᵠ: Balanis, Antenna Theory, sec. 2.6; the QAR50's width is not public",
         "[sensor.pattern] with beamwidth_deg",
         lambda scene: scene.sensor.pattern.beamwidth_deg is not None,
-        sensor.pattern,
+        "sensor",
     ),
     Effect(
         "obliquity",
@@ -73,7 +85,7 @@ SHAPING: tuple[Effect, ...] = (
         "the integrand 2n·û of physical optics, see handbench.radar.simulation.forward",
         SURFACE,
         _has_surface,
-        target_surface.obliquity,
+        "target_surface",
     ),
     Effect(
         "shadow",
@@ -81,7 +93,7 @@ SHAPING: tuple[Effect, ...] = (
         "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962",
         PARTS,
         _hides,
-        target_surface.shadow,
+        "target_surface",
     ),
     Effect(
         "skin",
@@ -89,15 +101,15 @@ SHAPING: tuple[Effect, ...] = (
         "Gabriel et al. 1996 and Alekseev & Ziskin 2007",
         "a target of skin",
         lambda scene: scene.target is not None and scene.target.material.kind == "skin",
-        materials.skin,
+        "materials",
     ),
     Effect(
         "dielectric",
         "foam delays the echoes of balls; plastic reflects in part",
         "Fresnel at normal incidence, straight rays with (n − 1)·path",
         "a target of plastic, or balls in foam",
-        materials.has_dielectric,
-        materials.dielectric,
+        _has_dielectric,
+        "materials",
     ),
     Effect(
         "roughness",
@@ -105,7 +117,7 @@ SHAPING: tuple[Effect, ...] = (
         "random Fourier features of a Gaussian correlation; coherent loss exp(−2k²σ²): Ament 1953",
         "[target.roughness] with rms_m or layer_depth_m",
         lambda scene: scene.target is not None and scene.roughness.sigma_m > 0,
-        target_surface.roughness,
+        "target_surface",
     ),
     Effect(
         "multipath",
@@ -113,15 +125,15 @@ SHAPING: tuple[Effect, ...] = (
         "shooting and bouncing rays: Ling, Chou & Lee 1989; Fresnel at both places",
         PARTS,
         _hides,
-        multipath.multipath,
+        "multipath",
     ),
     Effect(
         "motion",
         "the target moves from tone to tone, and its fingers",
         "Δz = (f/Δf)·Δδ, the motion between two tones as a phase; tremor: Elble & Randall 1978",
         "[target.motion] with an amplitude, a velocity, a rotation or a pose",
-        moves,
-        motion.motion,
+        _moves,
+        "motion",
     ),
 )
 RECORDING: tuple[Effect, ...] = (
@@ -131,7 +143,7 @@ RECORDING: tuple[Effect, ...] = (
         "a direct wave at the level that the scene gives",
         "[sensor.coupling] with level_db",
         lambda scene: scene.sensor.coupling.level_db is not None,
-        sensor.coupling,
+        "sensor",
     ),
     Effect(
         "clutter",
@@ -139,7 +151,7 @@ RECORDING: tuple[Effect, ...] = (
         "physical optics of the room, cut out where the target stands before it",
         "[stand] with reflectivity_db",
         lambda scene: bool(scene.room),
-        clutter.clutter,
+        "clutter",
     ),
     Effect(
         "channels",
@@ -147,7 +159,7 @@ RECORDING: tuple[Effect, ...] = (
         "normal errors of the given spread, drawn once per scene",
         "[sensor.channels] with an error",
         lambda scene: any(scene.sensor.channels.model_dump().values()),
-        sensor.channels,
+        "sensor",
     ),
     Effect(
         "oscillator",
@@ -155,7 +167,7 @@ RECORDING: tuple[Effect, ...] = (
         "range correlation, Budge & Burt 1993",
         "[sensor.oscillator] with level_dbc_hz",
         lambda scene: scene.sensor.oscillator.level_dbc_hz is not None,
-        sensor.oscillator,
+        "sensor",
     ),
     Effect(
         "noise",
@@ -163,7 +175,7 @@ RECORDING: tuple[Effect, ...] = (
         "σ_z = c/(4πΔf)·σ_φ·A_max/A, its mean magnitude √(2/π)·σ_z",
         "[noise] with phase_noise_rad or snr_db",
         lambda scene: scene.noise.between_tones_rad > 0,
-        sensor.noise,
+        "sensor",
     ),
     Effect(
         "converter",
@@ -171,7 +183,7 @@ RECORDING: tuple[Effect, ...] = (
         "white noise of step²/12 per quadrature (Widrow & Kollár 2008)",
         "[sensor.converter] with bits",
         lambda scene: scene.sensor.converter.bits is not None,
-        sensor.converter,
+        "sensor",
     ),
     Effect(
         "dead",
@@ -179,7 +191,7 @@ RECORDING: tuple[Effect, ...] = (
         "zeros in those channels",
         "[sensor.dead] with tx or rx",
         lambda scene: bool(scene.sensor.dead.tx or scene.sensor.dead.rx),
-        sensor.dead,
+        "sensor",
     ),
 )
 EFFECTS = SHAPING + RECORDING

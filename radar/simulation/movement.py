@@ -15,13 +15,6 @@ from handbench.support.errors import HandbenchError
 DIFFERENCE_S = 1e-4  # between the two times of a velocity's difference: 9 Hz err by 1e-6
 
 
-def moves(scene: EchoScene) -> bool:
-    """Tell whether the scene's target moves."""
-    motion = scene.motion
-    rates = (motion.amplitude_m, motion.velocity_m_s, *motion.rotation_deg_s)
-    return any(rates) or scene.bent is not None
-
-
 def frame_starts(scene: EchoScene, frames: int) -> list[tuple[float, float]]:
     """Return when each frame starts: (seconds since the movement began, phase of the tremor when
     it began). If the scene has a frame period, one movement goes on through all frames; otherwise

@@ -9,7 +9,8 @@ import numpy as np
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.forward import Scatterers, simulate
-from handbench.radar.simulation.physics.facets import face_vectors, facets_of
+from handbench.radar.simulation.physics.facets import facets_of
+from handbench.radar.simulation.physics.meshes import face_vectors
 from handbench.radar.simulation.physics.reflection import echo_reflections
 from handbench.radar.simulation.physics.spheres import pattern_gain, sphere_echo
 from handbench.radar.simulation.scene import METAL, Body, EchoScene, Material

@@ -19,7 +19,7 @@ HEAVY += ["argcomplete", "IPython"]
 @pytest.mark.parametrize(
     ("command", "needed"),
     [
-        ("list methods", set()),
+        ("list", set()),
         ("inspect bench/ball.toml", set()),
         ("evaluate depth.npz --mesh capture/truth.ply", {"open3d", "scipy"}),
         (

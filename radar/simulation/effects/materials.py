@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 
 
@@ -39,9 +38,3 @@ def dielectric(echoes: Echoes) -> None:
     surface = echoes.surface
     if surface is not None and surface.body.material.kind == "plastic":
         echoes.surface = replace(surface, material=surface.body.material)
-
-
-def has_dielectric(scene: EchoScene) -> bool:
-    """Return True if the target is of plastic, or its balls are in foam."""
-    plastic = scene.target is not None and scene.target.material.kind == "plastic"
-    return plastic or any(ball.foam_delay_m > 0 for ball in scene.balls)

@@ -17,7 +17,7 @@ from handbench.radar.imaging.cpu.exact import path_lengths
 from handbench.radar.imaging.cpu.steering import phasor
 from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.movement import frame_starts, scene_at
-from handbench.radar.simulation.physics.facets import unit
+from handbench.radar.simulation.physics.meshes import unit
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes
 

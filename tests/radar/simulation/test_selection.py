@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.bench.scenes.stand import cuboid
-from handbench.radar.simulation.physics.facets import convex_block
+from handbench.radar.simulation.physics.meshes import convex_block
 from handbench.radar.simulation.scene import Body
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
