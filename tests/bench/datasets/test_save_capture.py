@@ -6,6 +6,7 @@ import pytest
 import handbench as hb
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.methods.measured_tones import measured_settings
+from tests.refusals import refuse
 
 RNG = np.random.default_rng(3)
 TONES_HZ = [72e9, 77e9, 82e9]
@@ -42,18 +43,16 @@ def test_pairs_and_a_scan(tmp_path):
         ({"rx_m": None}, "rx_m"),
         ({"position_m": RX_M}, "position_m"),
         ({"samples": SAMPLES[0]}, "samples"),
-        ({"frequencies_hz": 77e9}, "samples"),
         ({"tx_m": TX_M[:, :2]}, "tx_m"),
         ({"pairs": [[0, 9]], "samples": SAMPLES[..., 0, :1]}, "pairs"),
         ({"distance_mm": 300}, "distance_mm"),
-        ({"folder": "."}, "folder"),
+        ({"folder": "."}, "exists"),
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, change, place):
     given = {"samples": SAMPLES, "frequencies_hz": TONES_HZ, "tx_m": TX_M, "rx_m": RX_M} | change
     folder = tmp_path / given.pop("folder", "out")
-    with pytest.raises(hb.HandbenchError, match=place):
-        hb.save_capture(folder, **given)
+    refuse(lambda: hb.save_capture(folder, **given), place)
     assert not (tmp_path / "out").exists()
 
 
