@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.results.about import Failure
-from handbench.bench.run.executors import started
+from handbench.bench.run.executors import WorkersLostError, alone, started
 from handbench.bench.stages.reconstruct import read_times
 from handbench.support.cost import Cost
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import Work, say
-from handbench.support.store import Stage, cached
+from handbench.support.store import Stage
 
 Done = tuple[Cost, bool]  # what a stage cost, and whether an earlier run had finished it
 
@@ -49,11 +49,13 @@ class Engine:
         for stage in running.values():
             self.progress.begin(stage.label)
         for future in as_completed(running):
-            done[running[future]] = self._ended(running[future], future.result)
+            if not isinstance(future.exception(), WorkersLostError):
+                done[running[future]] = self._ended(running[future], future.result)
         for stage in stages:
-            if stage not in done:
-                self.progress.begin(stage.label)
-                done[stage] = self._ended(stage, partial(cached, self.work, stage))
+            if stage not in done:  # or lost, then whichever ended the workers does so again
+                if stage not in running.values():
+                    self.progress.begin(stage.label)
+                done[stage] = self._ended(stage, partial(alone, self.executor, self.work, stage))
         self.progress.reach(sum(self.plan[: self.rounds]))
         folders = {}
         for stage in stages:

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import psutil
 
@@ -51,9 +51,13 @@ class ProcessExecutor(ProcessPoolExecutor):
             return super().submit(function, *args, facts=self._machine, **kwargs)
 
 
+class WorkersLostError(HandbenchError):
+    """The workers ended that a stage was given to; perhaps another stage of theirs ended them."""
+
+
 class DaskExecutor(Executor):
     """Executor that carries out stages on the workers of a Dask scheduler.
-    If a worker is lost, the scheduler gives its stage to another worker. This is safe because the
+    If a worker is lost, the scheduler gives its stages to another worker. This is safe because the
     folder of a stage appears complete or not at all."""
 
     def __init__(self, client: Client) -> None:
@@ -76,7 +80,7 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_result(ended.result())
     except KilledWorker:
         message = "its workers ended while computing it; give the workers more memory"
-        future.set_exception(HandbenchError(message))
+        future.set_exception(WorkersLostError(message))
     except BaseException as error:
         future.set_exception(error)
 
@@ -114,6 +118,14 @@ def started(
         given = [one for one in stages if one.shares and not one.folder(root).exists()]
         given = given if len(given) > 1 else []
     return {executor.submit(elsewhere, root, one): one for one in given}
+
+
+def alone(executor: Executor | None, root: Path, stage: Stage) -> tuple[Cost, bool]:
+    """Carry out a stage while nothing else is at work, and return what `cached` does: on the
+    cluster, or in this process."""
+    if isinstance(executor, DaskExecutor):
+        return cast(tuple[Cost, bool], executor.submit(elsewhere, root, stage).result())
+    return cached(root, stage)
 
 
 def process_count() -> int:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import signal
+import shutil
 import sys
-import threading
-import time
-from concurrent.futures import CancelledError
-from contextlib import nullcontext
-from pathlib import Path
+from collections.abc import Iterator
+from concurrent.futures import CancelledError, Future
+from contextlib import contextmanager, nullcontext
 
 import pytest
 
@@ -17,101 +14,98 @@ from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run import executors
 from handbench.bench.run.executors import DaskExecutor, elsewhere
 from handbench.bench.run.runner import run
-from handbench.support.errors import HandbenchError
 from tests.bench.run.faults import figures
 from tests.bench.run.stages_of_tests import engine_of, stages_of
+from tests.refusals import refuse
 
-STAGES = 6  # of the small benchmark
-
-
-def finished(work: Path) -> int:
-    return len(list(work.glob("[!.]*-*")))
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
 
 
-@pytest.mark.slow
-def test_a_cluster_that_loses_a_worker_gives_the_serial_table(small_bench, small_result, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    import dask
+def test_a_cluster_gives_the_serial_table(small_bench, small_result, tmp_path):
+    """Of its last stages. (Its worker is a thread of this process.)"""
+    bench, base = load_benchmark(str(small_bench))
+    out = shutil.copytree(small_result, tmp_path / "out")
+    for stage in ("reconstruct", "repeat", "score"):
+        for folder in (out / "work").glob(f"{stage}-*"):
+            shutil.rmtree(folder)
+    one = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    with distributed.LocalCluster(**one, dashboard_address=":0") as cluster:
+        result = run(bench, base, out, scheduler=cluster.scheduler_address)
+    assert result.tasks.cached.tolist() == [True, True, False, False, False, False]
+    assert figures(out) == figures(small_result)
 
-    (bench, base), cluster = load_benchmark(str(small_bench)), tmp_path / "cluster"
-    killed_at = list[int]()
 
-    def kill_in_the_middle(process: int) -> None:
-        while finished(cluster / "work") < 2:
-            time.sleep(0.005)
-        os.kill(process, signal.SIGKILL)
-        killed_at.append(finished(cluster / "work"))
+class Blaming:
+    """Stands for a client of one worker, which dies of "deadly" when it has all stages."""
 
-    two = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": ":0"}
+    def __init__(self) -> None:
+        self._given: set[str] = set()
+
+    def submit(self, function, root, stage, pure) -> Future:
+        future = Future()
+        if stage.capture == "deadly" or stage.capture not in self._given:
+            self._given.add(stage.capture)
+            future.set_exception(distributed.KilledWorker("task", "worker", 0))
+        else:
+            future.set_result(function(root, stage))
+        return future
+
+
+@contextmanager
+def blaming() -> Iterator[Blaming]:
+    yield Blaming()
+
+
+@contextmanager
+def processes() -> Iterator[distributed.Client]:
+    """One worker, with a thread for each stage, and another one when it ended."""
+    one = {"n_workers": 1, "threads_per_worker": 3, "dashboard_address": ":0"}
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 3}),
-        distributed.LocalCluster(**two) as workers,
-    ):
-        killed = workers.workers[0].pid
-        threading.Thread(target=kill_in_the_middle, args=[killed], daemon=True).start()
-        address = workers.scheduler_address
-        result = run(bench, base, cluster, scheduler=address)
-        assert run(bench, base, cluster, scheduler=address).tasks.cached.all()
-        assert 2 <= killed_at[0] < STAGES and workers.workers[0].pid != killed
-    assert figures(cluster) == figures(small_result)
-    for path in small_result.glob("*/*.npz"):
-        assert path.read_bytes() == (cluster / path.relative_to(small_result)).read_bytes()
-    assert len(result.tasks) == STAGES and result.about.failures == ()
-
-
-def test_a_stage_that_kills_its_workers_fails_alone(tmp_path):
-    """(Dask blames what a worker merely had waiting too; with this saturation nothing waits
-    there.)"""
-    distributed = pytest.importorskip("distributed")
-    import dask
-
-    names, scheduler = ["a", "deadly", "b"], "distributed.scheduler."
-    limits = {f"{scheduler}allowed-failures": 0, f"{scheduler}worker-saturation": 1.0}
-    one = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
-    with (
-        dask.config.set(limits),
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(**one) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
+        yield client
+
+
+@pytest.mark.parametrize("cluster", [blaming, pytest.param(processes, marks=pytest.mark.slow)])
+def test_a_stage_that_kills_its_workers_fails_alone(tmp_path, cluster):
+    """Though Dask blames all that a worker had."""
+    with cluster() as client:
         engine = engine_of(tmp_path / "work", DaskExecutor(client))
-        made = engine.perform(stages_of(*names))
+        made = engine.perform(stages_of("deadly", "a", "b"))
     assert [stage.capture for stage in made] == ["a", "b"]
-    assert "its workers ended" in engine.failures[0].message
+    assert [failure.capture for failure in engine.failures] == ["deadly"]
+    assert engine.progress.done == 3
 
 
 def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
     [stage] = stages_of("a")
-    with pytest.raises(HandbenchError, match="that all workers share"):
-        elsewhere(tmp_path / "elsewhere", stage)
+    refuse(lambda: elsewhere(tmp_path / "elsewhere", stage), f"{tmp_path}/elsewhere")
     object.__setattr__(stage, "code", "0" * 64)
-    with pytest.raises(HandbenchError, match="than the client"):
-        elsewhere(tmp_path, stage)
+    refuse(lambda: elsewhere(tmp_path, stage), "mesh-a-m0")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x", "without the extra"])
-def test_no_scheduler_is_one_line(monkeypatch, address):
-    monkeypatch.setattr(executors, "CONNECT_S", 0.5)
-    pytest.importorskip("distributed")
-    words = "no Dask scheduler answers"
-    if " " in address:
-        monkeypatch.setitem(sys.modules, "distributed", None)
-        words = r"handbench\[cluster\]"
-    with pytest.raises(HandbenchError, match=words), executors.executor(address):
-        pass
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x"])
+def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
+    monkeypatch.setattr(executors, "CONNECT_S", 0.1)
+    refuse(executors.executor(address).__enter__, "--scheduler", address)
 
 
-@pytest.mark.parametrize(
-    ("error", "expected", "words"),
-    [
-        (CancelledError(), HandbenchError, "--scheduler: the connection to the scheduler is lost"),
-        (OSError("closed"), HandbenchError, "which resumes the run"),
-        (FileNotFoundError(2, "No such file", "a"), FileNotFoundError, "No such file"),
-    ],
-)
-def test_a_scheduler_that_is_lost_is_one_line_and_a_file_s_error_stays(
-    monkeypatch, error, expected, words
-):
-    distributed = pytest.importorskip("distributed")
+def test_a_cluster_needs_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    refuse(executors.executor("tcp://x").__enter__, "--scheduler", "handbench[cluster]")
+
+
+def test_a_scheduler_that_is_lost_is_named_and_a_file_s_error_stays(monkeypatch):
     monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
-    with pytest.raises(expected, match=words), executors.executor("tcp://127.0.0.1:1"):
-        raise error
+
+    def lose(error: BaseException) -> None:
+        with executors.executor("tcp://127.0.0.1:1"):
+            raise error
+
+    for lost in (CancelledError(), OSError("closed")):
+        refuse(lambda error=lost: lose(error), "--scheduler")
+    with pytest.raises(FileNotFoundError):
+        lose(FileNotFoundError(2, "No such file", "a"))
