@@ -4,7 +4,7 @@ result holds apart from its times."""
 import re
 import resource
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -39,6 +39,13 @@ def files_of_at_most(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+def stand_in(monkeypatch: pytest.MonkeyPatch, place: str, function: Callable[..., None]) -> None:
+    """Have a function stand for a stage, of which handbench knows the name in `place`."""
+    name = f"handbench.{place}"
+    monkeypatch.setitem(DECLARED, function, DECLARED[resolve_name(name)])
+    monkeypatch.setattr(name, function)
+
+
 def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Have every stage but the last, which is fast, write again at once what it has left in
     `clean`."""
@@ -54,10 +61,7 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         "runner.reconstruct",
         "runner.repeat",
     ):
-        function = partial(make)
-        declared = DECLARED[resolve_name(f"handbench.bench.run.{name}")]
-        monkeypatch.setitem(DECLARED, function, declared)
-        monkeypatch.setattr(f"handbench.bench.run.{name}", function)
+        stand_in(monkeypatch, f"bench.run.{name}", partial(make))
 
 
 def execute(bench_file: Path, folder: Path, **options: bool) -> Result:

@@ -16,15 +16,15 @@ import pytest
 
 from handbench.bench.run import executors
 from handbench.bench.run.executors import DaskExecutor, ProcessExecutor
-from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.parallel import workers
 from tests.bench.run.stages_of_tests import SPAN, engine_of, stages_of
+from tests.refusals import refuse
 
 COUNT = min(len(os.sched_getaffinity(0)), 2)  # of processes
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def beside() -> Iterator[ProcessExecutor]:
     with ProcessExecutor(COUNT) as processes:
         yield processes
@@ -56,8 +56,7 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
     assert [*engine.perform(stages_of("a")).values()] == [stages[0].folder(engine.work)]
     assert engine.tasks[-1]["cached"] and engine.progress.done == 6
     bad = stages_of("bad")
-    with pytest.raises(HandbenchError, match=r"mesh-bad.*: mend me"):
-        engine.perform(bad, essential=bad)
+    refuse(lambda: engine.perform(bad, essential=bad), "mesh-bad", "mend me")
     with pytest.raises(ZeroDivisionError, match="a bug") as caught:
         engine.perform(stages_of("d", "bug", "e"))
     if isinstance(executor, ProcessExecutor):
@@ -89,11 +88,12 @@ def test_one_stage_or_too_little_memory_starts_no_process(beside, tmp_path, monk
 
 def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path, monkeypatch):
     monkeypatch.setattr(executors, "process_count", lambda: 2)
-    with (
-        pytest.raises(HandbenchError, match="run the same command, which resumes the run"),
-        executors.executor() as processes,
-    ):
-        engine_of(tmp_path / "work", processes).perform(stages_of("a", "deadly"))
+
+    def end() -> None:
+        with executors.executor() as processes:
+            engine_of(tmp_path / "work", processes).perform(stages_of("a", "deadly"))
+
+    refuse(end, "HANDBENCH_WORKERS=1")
 
 
 def _endless(root: Path) -> None:
@@ -104,7 +104,7 @@ def _endless(root: Path) -> None:
         engine_of(root, processes).perform(stages_of("endless", "endless"))
 
 
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
 def test_no_process_outlives_a_killed_run(tmp_path, sign):
     """The next run's folders would be filled by what the last one left."""
     parent = get_context("spawn").Process(target=_endless, args=(tmp_path / "work",))
@@ -114,9 +114,9 @@ def test_no_process_outlives_a_killed_run(tmp_path, sign):
         assert time.monotonic() < guard_s
         pids = [int(file.read_text()) for file in tmp_path.glob("work/*/pid.json")]
         time.sleep(0.05)
-    left = [psutil.Process(pid) for pid in pids]
+    processes = [psutil.Process(pid) for pid in pids]
     os.kill(parent.pid, sign)
     parent.join()
-    while any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in left):
+    while any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in processes):
         assert time.monotonic() < guard_s
         time.sleep(0.05)

@@ -38,8 +38,7 @@ def test_each_round_times_every_image_in_an_order_of_its_own(small_bench, tmp_pa
 
 
 def test_only_seconds_differ_from_those_of_one_round(small_bench, small_result, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(small_result, out)
+    out = shutil.copytree(small_result, tmp_path / "out")
     small_bench.write_text(small_bench.read_text().replace("seed = 1", "seed = 1\nrounds = 2"))
     result = execute(small_bench, out, overwrite=True)
     made = result.tasks.query("not cached").task
