@@ -10,7 +10,6 @@ import pytest
 from handbench.bench.pipeline.image import image
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.methods.evidence import require_evidence
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
@@ -151,14 +150,3 @@ def test_a_repeated_tone_without_echo_is_refused():
     lost[:, 3] = 0
     with pytest.raises(HandbenchError, match="frame 0, the tone at 82 GHz is 0"):
         mapped("3fsk-doppler", replace(capture(), samples=lost))
-
-
-def test_a_map_keeps_its_velocities(tmp_path):
-    depth = mapped("3fsk-doppler", capture())
-    depth.save(tmp_path / "d.npz")
-    again = load_depthmap(tmp_path / "d.npz")
-    assert again.velocity_limit_m_s == depth.velocity_limit_m_s
-    np.testing.assert_array_equal(again.velocity_m_s, depth.velocity_m_s)
-    broken = replace(depth, velocity_limit_m_s=-1.0)
-    with pytest.raises(HandbenchError, match="velocity_limit_m_s is -1"):
-        broken.checked("d.npz")
