@@ -21,13 +21,12 @@ def image_points_exact(
     receives only from transmitter i; frequencies_hz: [f]; transmitters_m [t, 3], receivers_m [r, 3]
     and points_m [p, 3]: positions in metres. Raises ValueError if the shapes do not fit.
     """
-    channels = "tr,tp,rp->p" if np.ndim(samples) == 3 else "n,np,np->p"
     ends_m = (transmitters_m, receivers_m)
     to_m, back_m = (np.linalg.norm(points_m - end_m[:, None], axis=2) for end_m in ends_m)
     image = np.zeros(len(points_m), np.complex128)
     for s, f in zip(samples, frequencies_hz, strict=True):
         to, back = (np.exp(2j * np.pi * f * r_m / SPEED_OF_LIGHT_M_S) for r_m in (to_m, back_m))
-        image += np.einsum(channels, s, to, back, optimize=True)
+        image += s @ (to * back) if s.ndim == 1 else ((s.T @ to) * back).sum(axis=0)
     return image
 
 

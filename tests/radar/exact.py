@@ -6,13 +6,6 @@ from handbench.radar.data.arrays import Aperture
 from handbench.radar.imaging.cpu.exact import exact_images
 
 
-def tone_images(
-    samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
-) -> np.ndarray:
-    """`exact_images` of every tone by itself: complex64 [f, n]."""
-    return exact_images(samples, frequencies_hz, aperture, points_m, per_tone=True)
-
-
 def backproject(
     samples: np.ndarray, frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray
 ) -> np.ndarray:

@@ -8,7 +8,6 @@ same name exist.
 
 from __future__ import annotations
 
-import time
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -114,16 +113,6 @@ def _function(name):
     return lambda *args, **options: _wrapped(getattr(np, name)(*_bare(args), **_bare(options)))
 
 
-class _Event:
-    """A moment: the stand-in's work is done when its call returns."""
-
-    def record(self) -> None:
-        self.s = time.perf_counter()
-
-    def synchronize(self) -> None:
-        pass
-
-
 def cupy_stand_in() -> ModuleType:
     """The module, with one device."""
     module = ModuleType("cupy")
@@ -135,10 +124,5 @@ def cupy_stand_in() -> ModuleType:
     runtime = SimpleNamespace(
         getDeviceCount=lambda: 1, getDeviceProperties=lambda _: {"name": b"Stand-in"}
     )
-    module.cuda = SimpleNamespace(
-        runtime=runtime,
-        Device=lambda: SimpleNamespace(id=0),
-        Event=_Event,
-        get_elapsed_time=lambda begin, end: 1e3 * (end.s - begin.s),
-    )
+    module.cuda = SimpleNamespace(runtime=runtime, Device=lambda: SimpleNamespace(id=0))
     return module

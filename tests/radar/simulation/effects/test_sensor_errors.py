@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.causes import Noise, Oscillator
 from handbench.radar.simulation.effects.sensor import converter, phase_rad
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from handbench.support.errors import HandbenchError
-from tests.radar.exact import tone_images
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated
 
 
@@ -29,10 +29,10 @@ def test_thermal_noise_has_the_phase_noise_of_the_scene():
     # At the strongest pixel it turns two tones against each other by 0.05 rad; 60 frames: 9 % (1σ).
     surface_m = scene.target.vertices_m
     strongest = surface_m[
-        np.abs(tone_images(clean[2:], TONES_HZ[2:], scene.array, surface_m)[0]).argmax()
+        np.abs(image_points(clean[2:], TONES_HZ[2:], scene.array, surface_m, None)).argmax()
     ][None]
     pixel = [
-        tone_images(samples, TONES_HZ, scene.array, strongest)[:, 0]
+        image_points(samples, TONES_HZ, scene.array, strongest, None, per_tone=True)[:, 0]
         for samples in (clean, *(clean + noise))
     ]
     between = np.angle([p[2] * p[0].conj() / (pixel[0][2] * pixel[0][0].conj()) for p in pixel[1:]])
