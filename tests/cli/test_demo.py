@@ -47,7 +47,8 @@ def test_the_demo_tells_draws_and_goes_on(small, capsys):
     assert mae_mm[1] < mae_mm[0] < 20  # in the paper 1.7 and 6.6 mm
     assert f"picture: {small.name}/demo.png" in printed
     picture = np.asarray(Image.open(small / "demo.png").convert("RGB"))
-    assert picture.shape[1] > 1000 and len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+    assert picture.shape[1] > 1000
+    assert len(np.unique(picture[::8, ::8].reshape(-1, 3), axis=0)) > 100
     commands = [line.split() for line in printed.splitlines() if line.startswith("  handbench ")]
     assert [parser().parse_args(command[1:]).command for command in commands] == NEXT
     echoes = small / "capture" / "echoes.h5"
