@@ -1,11 +1,14 @@
-"""The target of the calibration tests."""
+"""The target of the calibration tests, and how finely they search for it."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 from handbench.calibration.spheres.description import Target, default_target
+from tests.calibration.seen_target import search_coarsely
 
 
 @pytest.fixture
@@ -16,3 +19,10 @@ def rng() -> np.random.Generator:
 @pytest.fixture(scope="session")
 def target() -> Target:
     return default_target()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_search() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        search_coarsely(patch)
+        yield

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.registration.register import common_pairs, solve
+from handbench.calibration.registration.register import solve
 from handbench.calibration.registration.rigid_fit import Pairs
 from handbench.calibration.spheres import optical_detection, radar_detection
-from handbench.calibration.spheres.description import Candidate, Target, match
+from handbench.calibration.spheres.description import Candidate
 from handbench.calibration.transforms import Transform
 from handbench.radar.data.grid import Axis, VoxelGrid
 
@@ -60,14 +60,3 @@ def pairs_of(source: Sequence[Candidate], target: Sequence[Candidate]) -> Pairs:
 def align(source: Sequence[Candidate], target: Sequence[Candidate]) -> Transform:
     """The motion that carries source centres to target centres, pair by pair; see `solve`."""
     return solve(pairs_of(source, target))
-
-
-def register(
-    optical: Sequence[Candidate],
-    radar: Sequence[Candidate],
-    target: Target,
-    common_cov_m2: np.ndarray | float = 0.0,
-) -> Transform:
-    """`radar_from_photo` from both sensors' candidates, as `find_centres` and `solve` find it."""
-    photo, echo = match(optical, target, "photographs"), match(radar, target, "echoes")
-    return solve(common_pairs(photo, echo, target), common_cov_m2)

@@ -1,9 +1,7 @@
-"""An array's errors from the echoes of the calibration target, by every second antenna of the
-paper's and 32 tones."""
+"""An array's errors from the echoes of the calibration target, by every fourth antenna of the
+paper's and 20 tones."""
 
 from __future__ import annotations
-
-import json
 
 import numpy as np
 import pytest
@@ -12,15 +10,14 @@ from scipy.spatial.transform import Rotation
 from handbench.calibration.array.array_file import ArrayCalibration, load_array
 from handbench.calibration.array.estimate import estimate_array
 from handbench.calibration.spheres.description import Target
-from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
-from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
+from tests.refusals import refuse
 
-C = 299_792_458.0
-NOMINAL = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
-TONES_HZ = np.linspace(72e9, 82e9, 32)
+NOMINAL = AntennaArray(qar50().tx_m[::4], qar50().rx_m[::4])
+TONES_HZ = np.linspace(72e9, 82e9, 20)
 NOISE_RAD = 0.0281  # the paper's phase noise between two tones at the strongest pixel
 
 
@@ -36,7 +33,7 @@ class Imperfect:
         ]
         self.gains[0][3] = 0.0
         self.delays_m = [2e-4 * normal(n) for n in NOMINAL.channels]
-        k = 2 * np.pi * (TONES_HZ - TONES_HZ.mean()) / C
+        k = 2 * np.pi * (TONES_HZ - TONES_HZ.mean()) / SPEED_OF_LIGHT_M_S
         a, b = (
             g * np.exp(-1j * np.multiply.outer(k, d))
             for g, d in zip(self.gains, self.delays_m, strict=True)
@@ -71,15 +68,12 @@ def noisy(target, centres_m) -> tuple[Imperfect, ArrayCalibration]:
     return truth, estimate_array(truth.of_target(target, centres_m), target)
 
 
-def rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def test_responses_come_back_at_the_papers_noise(noisy, centres_m):
-    """0.02 in amplitude and in phase; noise alone gives 0.011 (5 balls of 47 × 32 samples each).
+    """0.02 in amplitude and in phase; noise alone gives 0.010 (5 balls of 24 × 20 samples each).
     Phases are without what a shift of the whole image explains: the rest blurs. Delays are better
-    than noise leaves them, 0.17 mm."""
+    than noise leaves them, 0.16 mm: 0.12 mm, to a tenth by chance."""
     truth, found = noisy
+    errors = []
     for side, gain, delay_m, leg in zip(
         (found.tx, found.rx), truth.gains, truth.delays_m, NOMINAL.legs, strict=True
     ):
@@ -87,12 +81,12 @@ def test_responses_come_back_at_the_papers_noise(noisy, centres_m):
         shift = leg.directions(centres_m.mean(axis=0))[live]
         shift -= shift.mean(axis=0)
         ratio = side.gains[live] / gain[live]
-        level = np.log(np.abs(ratio)) - np.log(np.abs(ratio)).mean()
-        phase = np.angle(ratio / ratio.mean())
-        assert rms(level) < 0.02
-        assert rms(phase - shift @ np.linalg.lstsq(shift, phase)[0]) < 0.02
+        level, phase = np.log(np.abs(ratio)), np.angle(ratio / ratio.mean())
+        phase -= shift @ np.linalg.lstsq(shift, phase)[0]
         miss_m = (np.array(side.delay_m) - delay_m)[live]
-        assert rms(miss_m - miss_m.mean()) < 1.5e-4
+        errors.append([values - values.mean() for values in (level, phase, miss_m)])
+    level, phase, miss_m = np.sqrt((np.concatenate(errors, axis=1) ** 2).mean(axis=1))
+    assert level < 0.02 and phase < 0.02 and miss_m < 1.5e-4
 
 
 def test_another_capture_becomes_sharp_without_the_dead_antenna(noisy):
@@ -101,7 +95,7 @@ def test_another_capture_becomes_sharp_without_the_dead_antenna(noisy):
     truth, found = noisy
     echo = sphere_echo(np.array([-0.03, 0.04, 0.36]), 1e-3, 0.0, TONES_HZ, NOMINAL)
     calibrated = found.applied_to(truth.capture(echo))
-    assert found.tx.gains[3] == 0 and calibrated.aperture.channels == (46, 47)
+    assert found.tx.gains[3] == 0 and calibrated.aperture.channels == (23, 24)
     np.testing.assert_array_equal(calibrated.aperture.tx_m, np.delete(NOMINAL.tx_m, 3, axis=0))
 
     def coherent(samples: np.ndarray, ideal: np.ndarray) -> float:
@@ -135,60 +129,45 @@ def _sixth_ball(target, centres_m):
     return Imperfect(7).of_target(with_it, places_m), target
 
 
-SCAN = RadarCapture(
-    np.ones((1, 32, 4), np.complex64), TONES_HZ, AntennaPairs(np.zeros((4, 3)), np.zeros((4, 3)))
-)
-
-
 @pytest.mark.parametrize(
-    ("made", "words"),
+    ("made", "place"),
     [
-        (_without_ball_3, "elements 3 of the target are not visible"),
-        (_other_description, r"TARGET: element 1 of the target is \d\.\d+ mm away from its place"),
-        (_sixth_ball, "TARGET: something at .* echoes as strongly as a ball"),
-        (lambda target, _: (SCAN, target), "is a planar scan"),
+        (_without_ball_3, "elements 3 of"),
+        (_other_description, "element 1 of"),
+        (_sixth_ball, "something at"),
     ],
 )
-def test_captures_that_give_no_calibration_are_refused(target, centres_m, made, words):
+def test_captures_that_give_no_calibration_are_refused(target, centres_m, made, place):
     capture, described = made(target, centres_m)
-    with pytest.raises(HandbenchError, match=words):
-        estimate_array(capture, described, source="TARGET")
-
-
-def test_it_is_applied_to_its_own_array_only(noisy):
-    found = noisy[1]
-    samples = np.ones((1, 32, 47, 47), np.complex64)
-    for aperture in (
-        AntennaArray(NOMINAL.tx_m + 1e-3, NOMINAL.rx_m),
-        AntennaArray(NOMINAL.tx_m, NOMINAL.rx_m[:46]),
-    ):
-        other = RadarCapture(samples[..., : aperture.channels[1]], TONES_HZ, aperture)
-        with pytest.raises(HandbenchError, match=r"antennas .* are not those of the capture"):
-            found.applied_to(other)
-    with pytest.raises(HandbenchError, match="planar scan"):
-        found.applied_to(SCAN)
+    refuse(lambda: estimate_array(capture, described, source="TARGET"), "TARGET", place)
 
 
 @pytest.mark.parametrize(
-    ("find", "put", "expected"),
+    ("aperture", "place"),
     [
-        ('"version": 1', '"version": 2', "'version' is 2"),
-        ('"version"', '"gian": 1, "version"', "unknown key 'gian'"),
-        ('"gain": [', '"gain": [[1, 0], ', "has 48 entries, but 'nominal_m' has 47"),
-        ('"gain": [[', '"gain": [[NaN, 0], [', r"'tx.gain.0.0' is nan"),
-        ("{", "[{}]; {", "valid dictionary"),
+        (AntennaArray(NOMINAL.tx_m + 1e-3, NOMINAL.rx_m), "tx"),
+        (AntennaArray(NOMINAL.tx_m, NOMINAL.rx_m[:23]), "rx antennas (24)"),
+        (AntennaPairs(np.zeros((4, 3)), np.zeros((4, 3))), "array.json"),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line_and_the_right_one_comes_back(
-    tmp_path, noisy, find, put, expected
-):
+def test_it_is_applied_to_its_own_array_only(noisy, aperture, place):
+    samples = np.ones((1, len(TONES_HZ), *aperture.channels), np.complex64)
+    capture = RadarCapture(samples, TONES_HZ, aperture)
+    refuse(lambda: noisy[1].applied_to(capture, "array.json"), "array.json", place)
+
+
+@pytest.mark.parametrize(
+    ("find", "put", "place"),
+    [
+        ('"gain":[', '"gain":[[1,0],', "'gain' has 25"),
+        ('"gain":[[', '"gain":[[NaN,0],[', "tx.gain"),
+    ],
+)
+def test_a_wrong_file_is_refused_and_the_right_one_comes_back(tmp_path, noisy, find, put, place):
     path = tmp_path / "array.json"
     write_json(path, noisy[1].model_dump())
     assert load_array(path) == noisy[1]
-    content = json.dumps(json.loads(path.read_text()))
+    content = "".join(path.read_text().split())
     assert find in content
-    path.write_text(content.replace(find, put, 1).split(";")[0])
-    with pytest.raises(HandbenchError, match=expected) as raised:
-        load_array(path)
-    assert str(raised.value).startswith(str(path))
-    assert "\n" not in str(raised.value)
+    path.write_text(content.replace(find, put, 1))
+    refuse(lambda: load_array(path), str(path), place)

