@@ -56,8 +56,9 @@ PAIRS = re.findall(
     \ \textbackslash{}   { \{   } \}   & \&   % \%   $ \$   # \#   _ \_   ~ \textasciitilde{}
     ^ \textasciicircum{}   < \textless{}   > \textgreater{}   | \textbar{}   " ''   [ {[}   ] {]}
     − $-$   – --   — ---   … \ldots{}   ’ '   “ ``   ” ''   ß \ss{}   æ \ae{}   ø \o{}   Ø \O{}
-    ł \l{}   Ł \L{}   ° $^\circ$   ± $\pm$   × $\times$   · $\cdot$   ≤ $\leq$   ≥ $\geq$
-    ² $^2$   ★ $\star$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$   σ $\sigma$   Δ $\Delta$
+    ł \l{}   Ł \L{}   ° $^\circ$   ± $\pm$   × $\times$   → $\to$\allowbreak{}   · $\cdot$
+    ≤ $\leq$   ≥ $\geq$   ² $^2$   ★ $\star$   µ $\mu$   μ $\mu$   λ $\lambda$   π $\pi$
+    σ $\sigma$   Δ $\Delta$
 """,
 )
 CHARACTERS = dict(zip(PAIRS[::2], PAIRS[1::2], strict=True))

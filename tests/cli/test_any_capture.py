@@ -8,7 +8,6 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.bench.datasets.native import NativeCapture
 from handbench.cli.main import main
 from handbench.radar.data.echoes_file import load_capture
 from tests.cli.conftest import PIXELS
@@ -41,9 +40,7 @@ def depths(folder, out, method, *options) -> dict:
         return {name: content[name] for name in ("z_m", "amplitude_db")}
 
 
-@pytest.mark.parametrize(
-    ("method", "options"), [("narrowband", DEPTHS), ("3fsk", []), ("3fsk", ["--exact"])]
-)
+@pytest.mark.parametrize(("method", "options"), [("narrowband", DEPTHS), ("3fsk", ["--exact"])])
 def test_every_version_of_the_same_echoes_gives_the_same_image(made, tmp_path, method, options):
     ball = made / "capture"
     samples = load_capture(ball / "echoes.h5").samples
@@ -67,13 +64,8 @@ def test_a_capture_without_some_pairs_is_imaged_and_inspected(made, tmp_path, ca
     there = np.random.default_rng(0).random(whole.aperture.channels) > 0.3
     listed = {"samples": whole.samples[:, :, there], "pairs": np.argwhere(there)}
     folder = anew(made / "capture", tmp_path / "ball", **listed)
-    capture = NativeCapture(folder).echoes()
-    np.testing.assert_array_equal(capture.aperture.measured, there)
     assert main(["inspect", str(folder)]) == 0
-    assert (
-        f"{(~there).sum()} of its 8836 pairs of antennas were not measured"
-        in capsys.readouterr().out
-    )
+    assert f"{(~there).sum()} of its 8836 pairs" in capsys.readouterr().out
     depths(folder, tmp_path / "depth.npz", "3fsk")
     assert main(["evaluate", str(tmp_path / "depth.npz"), "--mesh", str(folder / "truth.ply")]) == 0
     assert json.loads(capsys.readouterr().out)["mae_mm"] < 1.0

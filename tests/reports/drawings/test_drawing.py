@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 from matplotlib import rcParams
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from handbench.calibration.spheres.description import default_target
@@ -13,33 +12,28 @@ from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, save
 from handbench.reports.drawings.target_drawing import target_sheet
 
 
-def on_page_mm(figure: Figure, patch: Circle):
-    """Centre and radius of a circle on the page, millimetres."""
-    scale = INCH_MM / figure.dpi
-    x, y = (
-        patch.axes.transData.transform([patch.center, np.add(patch.center, (patch.radius, 0))])
-        * scale
-    )
-    return x, np.linalg.norm(y - x)
-
-
 def test_the_views_are_at_true_scale_and_not_mirrored():
     target = default_target()
     figure = target_sheet(target, "")
     circles = [patch for axes in figure.axes for patch in axes.patches if isinstance(patch, Circle)]
+    centres, edges = np.moveaxis(
+        [c.axes.transData.transform([c.center, np.add(c.center, (c.radius, 0))]) for c in circles],
+        1,
+        0,
+    )
+    scale = INCH_MM / figure.dpi
+    radii_mm = scale * np.linalg.norm(edges - centres, axis=1)
     assert len(circles) == 4 * len(target.element)  # foam and ball, front and side
-    for view, columns in ((0, [-1, 2]), (2, [3, 2])):
-        foam, balls = circles[view::4], circles[view + 1 :: 4]
-        seen = np.array([on_page_mm(figure, patch)[0] for patch in balls])
-        wanted = 1000 * np.stack(
-            [np.sign(c) * target.centres_m[:, abs(c) - 1] for c in columns], axis=1
+    for view, (right, up) in ((0, (-1, 2)), (2, (3, 2))):  # signed numbers of axes
+        seen_mm = scale * centres[view + 1 :: 4]
+        wanted_mm = 1000 * target.centres_m[:, [abs(right) - 1, up - 1]] * (np.sign(right), 1)
+        # floating point: the page is 500 mm, and figures count in pixels
+        np.testing.assert_allclose(
+            seen_mm - seen_mm[0], wanted_mm - wanted_mm[0], rtol=0, atol=1e-6
         )
-        # Floating point: the page is 500 mm, and figures count in pixels.
-        assert np.abs((seen - seen[0]) - (wanted - wanted[0])).max() < 1e-6
-        for patches, radius in ((balls, "ball_radius_m"), (foam, "sphere_radius_m")):
-            wanted = [1000 * getattr(element, radius) for element in target.element]
-            found = [on_page_mm(figure, patch)[1] for patch in patches]
-            assert found == pytest.approx(wanted, abs=1e-6)
+        for first, radius in ((view, "sphere_radius_m"), (view + 1, "ball_radius_m")):
+            wanted_mm = [1000 * getattr(element, radius) for element in target.element]
+            np.testing.assert_allclose(radii_mm[first::4], wanted_mm, rtol=0, atol=1e-6)
 
 
 def test_the_scale_bar_and_the_page_of_the_pdf_are_true_to_scale(tmp_path, monkeypatch):

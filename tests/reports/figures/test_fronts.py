@@ -1,31 +1,37 @@
-"""Pictures and tables of accuracy against time."""
+"""Pictures of accuracy against time."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
+from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.bench.results.result_folder import load
 from handbench.reports.figures import fronts
-from handbench.reports.tables.table import settings
-from tests.reports.synthetic_result import METHODS, write_synthetic
-
-MESHES = {
-    f"{views}-views": {"surface_rms_mm": 1 / views, "observed_percent": 80.0, "seconds": views}
-    for views in (5.0, 8.0)
-}
+from tests.golden_files import RESULT
 
 
-def test_each_error_has_a_picture_and_a_table(tmp_path):
-    methods = {"3fsk": METHODS["3fsk"], "3fsk-slow": ("3-FSK, slow", 2.0, 1.0)}
-    folder = write_synthetic(tmp_path / "r", ("B",), methods, ("truth",), 6e-3, meshes=MESHES)
-    result = load(folder)
-    stems = [picture.stem for picture in fronts.pictures(result)]
-    assert stems == ["front_mae_mm", "front_surface_rms_mm"]
-    ranked = fronts.ranked_methods(result).items()
-    depths, surfaces = (settings(*item, result.about.method_titles).texts for item in ranked)
-    assert depths.index.tolist() == ["3-FSK", "3-FSK, slow"]
-    assert surfaces.iloc[:, 0].to_dict() == {"5.0-views": "1", "8.0-views": "2"}
+def test_depths_and_surfaces_have_a_picture_each():
+    """Of two settings of a mesh, each is the better in one of error and time."""
+    lines = [
+        ("B", f"{views:g}-views", "truth", "", 0, metric, value)
+        for views in (5.0, 8.0)
+        for metric, value in (
+            ("surface_rms_mm", 1 / views),
+            ("observed_percent", 80.0),
+            ("seconds", views),
+        )
+    ]
+    result = load(RESULT)
+    result = replace(result, scores=pd.concat([result.scores, frame(SCORES, lines)]))
+    depths, surfaces = fronts.pictures(result)
+    assert (depths.stem, surfaces.stem) == ("front_mae_mm", "front_surface_rms_mm")
+    [axis] = surfaces.figure.axes
+    [front] = [line for line in axis.lines if line.get_label() == "front"]
+    assert front.get_xydata().tolist() == [[5.0, 0.2], [8.0, 0.125]]
 
 
 def test_points_that_lie_together_share_a_label():

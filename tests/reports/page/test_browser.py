@@ -13,7 +13,7 @@ from itertools import product
 import pytest
 
 from handbench.reports.page import html, rendering
-from tests.reports.synthetic_result import RESULTS, write_synthetic
+from tests.golden_files import RESULT, renamed
 
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
@@ -22,8 +22,10 @@ pytestmark = pytest.mark.skipif(
     reason="no Chromium: no report was looked at in a browser (Debian's package: chromium)",
 )
 SWITCHES = ("--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-PAGES = {name: f"{name}/index.html" for name in RESULTS} | {"further": "many/pages/001.html"}
-WIDTHS = (400, 800, 1280, 1920)
+STRANGERS = {"B": "left hand of subject 17, second session, thumb abducted", "F": "Ωß_%$#&{}^~"}
+PAGES = {"golden": "golden/index.html", "strangers": "strangers/index.html"}
+PAGES["further"] = "strangers/pages/001.html"
+WIDTHS = (400, 1280)
 PRINTED = 1032  # CSS pixels of a sheet of A4, landscape, without its margins
 PICTURE = rendering.Image(
     uri="data:image/gif;base64,R0lGODlhAQABAAAAACw=",
@@ -139,16 +141,15 @@ def seen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_WORKERS", "1")
         patch.setattr(rendering, "images", lambda draw, folder, paper=True: [PICTURE])
-        for name, arguments in RESULTS.items():
-            html.build(
-                write_synthetic(base / "results" / name, step_m=8e-3, **arguments), base / name
-            )
+        html.build(RESULT, base / "golden")
+        patch.setattr(html, "ABREAST", 1)
+        html.build(renamed(base / "result", STRANGERS), base / "strangers")
     for path in PAGES.values():
         text = re.sub("<meta http-equiv[^>]*>", "", (base / path).read_text("utf-8"))
         script = f"<script>{FAULTS}\n{TELL}</script></body>"  # which the page's policy forbids
         (base / path).write_text(text.replace("</body>", script), "utf-8")
-    looks = [("broken", f"{PAGES['table']}?broken", 400, "light")]
-    looks += [("view", f"{PAGES['table']}?view", 1280, "dark")]
+    looks = [("broken", f"{PAGES['golden']}?broken", 400, "light")]
+    looks += [("view", f"{PAGES['golden']}?view", 1280, "dark")]
     for name, path in PAGES.items():
         schemes = product(WIDTHS, ("light", "dark"))
         looks += [(f"{name} {width} {scheme}", path, width, scheme) for width, scheme in schemes]
@@ -176,4 +177,4 @@ def test_faults_of_the_layout_are_found(seen):
 
 
 def test_the_view_in_3d_draws_the_method_that_is_chosen(seen):
-    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: joint, ")
+    assert seen["view"]["drawn"] and seen["view"]["status"].startswith("B: joint ")
