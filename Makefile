@@ -69,8 +69,12 @@ messages: setup
 
 # The hard cases on this machine, its GPU too where there is one, with their table;
 # GROUPS="phase data" runs two groups.
+hard-cases: GROUPS ?= *
+hard-cases: CASES = $(BIN)/python -m pytest $(GROUPS:%=tests/hard_cases/test_%_cases.py)
 hard-cases: setup
-	$(BIN)/python -m tests.hard_cases $(GROUPS)
+	$(CASES)
+	if $(BIN)/python -c 'import cupy; cupy.zeros(1)' 2>/dev/null; then \
+	  HANDBENCH_DEVICE=cuda $(CASES); fi
 
 # Tests of imaging on a CUDA device, and time and error of a volume there, by the packages of PYTHON,
 # CuPy among them, without .venv: runs/gpu/gpu.json and gpu.md. DEVICE=numpy or cpu does the same on

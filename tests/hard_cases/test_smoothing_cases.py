@@ -1,23 +1,20 @@
 """Hard maps for the averaging filter: holes, borders, lone pixels, long rows, and weights that
-differ without end."""
+differ without end.
 
-from itertools import product
+Against direct sums in balls, within 2k + 10 roundings of 2⁻⁵³ each: k products and k sums along
+each axis at most, the offset and the quotient. Each window is summed by itself and weights are
+positive, so that no rounding of a strong pixel reaches a window without it.
+"""
 
 import numpy as np
+import pytest
 
 from handbench.radar.methods.pixels import masked_mean
-from tests.hard_cases.cases import Seen, U, hard_case
-from tests.references.balls import Balls, balls, off
-
-LONG = 10_000_000
-SUMS = (
-    "2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the "
-    "offset and the quotient."
-)
+from tests.references.balls import U, balls, off
 
 
-def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> Balls:
-    """The filter by its definition at the known pixels [n], every window's sums by themselves."""
+def direct(values, size_px, weight):
+    """The filter by its definition at the pixels [n] that are known."""
     known, half = np.isfinite(values), size_px // 2
     weight = balls(np.where(known, weight, 0))
     sums = []
@@ -26,109 +23,75 @@ def _direct(values: np.ndarray, size_px: int, weight: np.ndarray) -> Balls:
             padded = np.pad(part, [(half, half), (0, 0)])
             part = np.sum([padded[at : at + len(part)] for at in range(size_px)], axis=0).T
         sums.append(part[known])
-    return np.asarray(sums[0] / sums[1])
+    return sums[0] / sums[1]
 
 
-def _error(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> float:
-    """Largest error over what the roundings of the filter allow; infinite where the holes
-    differ."""
-    found = masked_mean(values, size_px, weight)
-    known = np.isfinite(values)
-    if not np.array_equal(np.isfinite(found), known):
-        return np.inf
-    exact = _direct(values, size_px, np.ones(values.shape) if weight is None else weight)
-    allowed = (2 * size_px + 10) * U * np.abs(values[np.isfinite(values)]).max(initial=0.0)
-    return float(off(found[known], exact).max() / allowed) if allowed else 0.0
+@pytest.fixture
+def averaged(within):
+    """Assert that the averages of a map have its holes and are as near as their roundings allow."""
+
+    def check(values, size_px, weight=None, place=""):
+        known, average = np.isfinite(values), masked_mean(values, size_px, weight)
+        np.testing.assert_array_equal(np.isfinite(average), known)
+        if known.any():
+            weight = np.ones(values.shape) if weight is None else weight
+            error = off(average[known], direct(values, size_px, weight)).max()
+            bound = (2 * size_px + 10) * U * np.abs(values[known]).max()
+            within(error / bound, 1, "of the roundings", place)
+
+    return check
 
 
-def _map(seed: int, holes: float, shape: tuple[int, int] = (37, 41)) -> np.ndarray:
+def bumpy(seed, holes):
     generator = np.random.default_rng(seed)
-    values = 0.3 + 0.02 * generator.standard_normal(shape)
-    values[generator.random(shape) < holes] = np.nan
+    values = 0.3 + 0.02 * generator.standard_normal((37, 41))
+    values[generator.random(values.shape) < holes] = np.nan
     return values
 
 
-@hard_case(
-    "masked averages at borders, holes and infinities",
-    kind="rigorous",
-    bound=1.0,
-    unit="1",
-    quantity="error of the average, over its roundings",
-    reference="direct sums in balls",
-    reason=SUMS,
-)
-def test_holes() -> Seen:
-    for size, share in product((1, 3, 5, 9, 31), (0.0, 0.2, 0.9, 0.99)):
-        values = _map(size, share)
-        values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf  # holes, too
-        weight = np.random.default_rng(size).random(values.shape) + 0.1
-        yield f"size {size}, {share:.0%} holes", _error(values, size)
-        yield f"size {size}, {share:.0%} holes, weighted", _error(values, size, weight)
+@pytest.mark.parametrize("holes", [0.0, 0.2, 0.9, 0.99])
+@pytest.mark.parametrize("size_px", [1, 3, 5, 9, 31])
+def test_averages_at_borders_holes_and_infinities(size_px, holes, averaged):
+    values = bumpy(size_px, holes)
+    values[3, 4], values[20, 20], values[0, 0] = np.inf, -np.inf, np.inf  # holes, too
+    weight = np.random.default_rng(size_px).random(values.shape) + 0.1
+    averaged(values, size_px)
+    averaged(values, size_px, weight, "weighted")
 
 
-@hard_case(
-    "sums along 10⁷ samples",
-    kind="rigorous",
-    bound=1.0,
-    unit="1",
-    quantity="drift of the average, over its roundings",
-    reference="direct sums in balls at 2500 places: borders, the jump, and where a sum in double "
-    "is furthest off",
-)
-def test_drift() -> Seen:
-    """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
-    and the quotient; each window is summed by itself, so that nothing adds up along the row's
-    10⁷ steps."""
-    size, row = 5, 0.3 + 0.02 * np.random.default_rng(0).standard_normal(LONG)
-    row[: LONG // 2] += 1e3  # a running sum would keep the rounding of these
-    found = masked_mean(row[None], size)[0]
-    rough = np.abs(
-        found[2:-2] - np.convolve(row, np.ones(size) / size, "valid")
-    )  # finds where to look closely
-    places = (
-        np.argpartition(rough, -1000)[-1000:],
-        np.arange(500),
-        LONG // 2 + np.arange(-500, 500),
-    )
-    chosen = 2 + np.unique(np.concatenate(places))
-    exact = sum(balls(row[chosen + shift]) for shift in range(-2, 3)) / size
-    error = off(found[chosen], exact)
-    return [(f"sample {chosen[error.argmax()]}", float(error.max() / ((2 * size + 10) * U * 1e3)))]
+def test_averages_along_a_million_samples_do_not_drift(within):
+    """A running sum would keep the roundings of the first half, which is 1000 m higher. At 2500
+    places: borders, the jump, and where a sum in double is furthest off."""
+    size_px, count = 5, 1_000_000
+    row = 0.3 + 0.02 * np.random.default_rng(0).standard_normal(count)
+    row[: count // 2] += 1e3
+    average = masked_mean(row[None], size_px)[0]
+    rough = np.abs(average[2:-2] - np.convolve(row, np.ones(size_px) / size_px, "valid"))
+    jump = count // 2 + np.arange(-500, 500)
+    chosen = 2 + np.unique(np.r_[np.argpartition(rough, -1000)[-1000:], :500, jump])
+    exact = sum(balls(row[chosen + shift]) for shift in range(-2, 3)) / size_px
+    bound = (2 * size_px + 10) * U * 1e3
+    within(off(average[chosen], exact).max() / bound, 1, "of the roundings")
 
 
-@hard_case(
-    "lone pixels and empty maps",
-    kind="rigorous",
-    bound=1.0,
-    unit="1",
-    quantity="change of what has no neighbour",
-    reference="the pixel itself, by direct sums in balls",
-    reason=SUMS,
-)
-def test_lone() -> Seen:
-    for size, (y, x) in product((1, 3, 31, 101), ((0, 0), (0, 6), (4, 3), (8, 6))):
-        values = np.full((9, 7), np.nan)
-        values[y, x] = 0.28
-        yield f"size {size}, pixel {y}, {x}", _error(values, size)
-    for value, shape in product((0.28, np.nan, np.inf, -np.inf), ((1, 1), (1, 7), (9, 1), (5, 5))):
-        yield f"a map {shape} of {value}", _error(np.full(shape, value), 5)
+@pytest.mark.parametrize("pixel", [(0, 0), (0, 6), (4, 3), (8, 6)], ids=str)
+@pytest.mark.parametrize("size_px", [1, 3, 31, 101])
+def test_a_lone_pixel_keeps_its_value(size_px, pixel, averaged):
+    values = np.full((9, 7), np.nan)
+    values[pixel] = 0.28
+    averaged(values, size_px)
 
 
-@hard_case(
-    "a strong pixel beside weak ones",
-    kind="rigorous",
-    bound=1.0,
-    unit="1",
-    quantity="error of the average, over its roundings",
-    reference="direct sums in balls",
-)
-def test_strong_and_weak() -> Seen:
-    """2k + 10 roundings of 2⁻⁵³ each: k products and k sums along each axis at most, the offset
-    and the quotient: weights are positive and each window is summed by itself, so that no
-    rounding of a strong pixel reaches a window without it; float32 images span 166 decades of
-    power."""
-    for decades, size in product((1, 6, 12, 16, 20, 40, 80, 166, 280), (3, 5, 9)):
-        values = _map(decades, 0.1)
-        weight = np.full(values.shape, 10.0**-decades)
-        weight[::11, ::13] = 1.0
-        yield f"10^{decades}, size {size}", _error(values, size, weight)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (9, 1), (5, 5)], ids=str)
+@pytest.mark.parametrize("value", [0.28, np.nan, np.inf, -np.inf])
+def test_a_map_of_one_value_keeps_it(value, shape, averaged):
+    averaged(np.full(shape, value), 5)
+
+
+@pytest.mark.parametrize("size_px", [3, 5, 9])
+@pytest.mark.parametrize("decades", [1, 6, 12, 16, 20, 40, 80, 166, 280])
+def test_a_strong_pixel_beside_weak_ones_reaches_its_own_windows_alone(decades, size_px, averaged):
+    """The powers of float32 images span 166 decades."""
+    weight = np.full((37, 41), 10.0**-decades)
+    weight[::11, ::13] = 1.0
+    averaged(bumpy(decades, 0.1), size_px, weight)

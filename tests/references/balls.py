@@ -16,6 +16,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 ctx.prec = 128
 LIGHT_M_S = int(SPEED_OF_LIGHT_M_S)
 PI = arb.pi()
+U, U_SINGLE = (float(np.finfo(kind).eps) / 2 for kind in (np.float64, np.float32))  # roundings
 Balls = NDArray[np.object_]
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.imaging.cpu.steering import cis_turns
-from tests.hard_cases.cases import U_SINGLE as U
 from tests.hard_cases.scenes import LADDER_HZ, POINT_M, C, capture, depth_map, echoes, small_array
+from tests.references.balls import U_SINGLE as U
 
 STEER = 4 * U  # a steering phase, radians: its remainder rounds to π/2·u, cosine and sine by 2u
 ANTENNAS = 2 * sum(small_array().channels)
