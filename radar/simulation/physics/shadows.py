@@ -23,7 +23,6 @@ the facets of coarse faces), for few antennas of each line and for three tones, 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -55,38 +54,6 @@ T0, T1, T2, T3, T4 = np.array(
 IN_SIGHT = np.array([1.0, 0.0, 0.0], np.complex64)[:, None]  # in a table of `Sight`
 
 
-class Edges(NamedTuple):
-    """The edges of a mesh that two faces share. ends [e, 2]: indices of vertices, in the order of
-    the first face; faces [e, 2]: indices of both faces; planes [m, 4]: plane (n, d) of every face
-    of the mesh, with n·x > d in front of it; n is not a unit vector."""
-
-    ends: np.ndarray
-    faces: np.ndarray
-    planes: np.ndarray
-
-
-class Outline(NamedTuple):
-    """The edges of a body's outline that an antenna sees, which is the origin: starts and ends
-    [n, 3] in metres, counter-clockwise around the body, and the largest distance [n] of points to
-    which each edge diffracts."""
-
-    start_m: np.ndarray
-    end_m: np.ndarray
-    within_m: np.ndarray
-
-
-class Cubes(NamedTuple):
-    """n points sorted into cubes of space. position_m [3, n]: the points, cube by cube; order [n]:
-    their original indices; starts [cubes + 1]: where the points of each cube begin; centre_m
-    [cubes, 3]: mean of a cube's points; radius_m [cubes]: their largest distance from it."""
-
-    position_m: np.ndarray
-    order: np.ndarray
-    starts: np.ndarray
-    centre_m: np.ndarray
-    radius_m: np.ndarray
-
-
 def shadowed(
     scene: EchoScene,
     hiding: Body,
@@ -103,9 +70,8 @@ def shadowed(
     hiding: the body whose outlines diffract; body: the one that has the facets; rays: ray caster of
     all obstacles; apart_m: largest distance between the antennas of a line for which D is computed.
     """
-    points_m, corner, share = _samples(body, facets)
+    points_m, starts, corner, share = _samples(body, facets)
     edges = scene.cached(("edges", id(hiding)), lambda: edges_of(hiding))
-    cubes = cubes_of(points_m)
     turns_per_m = scene.frequencies_hz / SPEED_OF_LIGHT_M_S
     middle = (turns_per_m.max() + turns_per_m.min()) / 2
     half = np.ptp(turns_per_m) / 2 + 1e-6 * turns_per_m.max()
@@ -119,7 +85,7 @@ def shadowed(
         def work(node: int, at: np.ndarray = leg.position_m[at], table: np.ndarray = table) -> None:
             visible = rays.in_sight(points_m, at[node])
             outline = visible_outline(hiding, edges, rays, at[node])
-            low, mid, high = edge_waves(at[node], cubes, outline, wavenumbers)
+            low, mid, high = edge_waves(at[node], points_m, starts, outline, wavenumbers)
             table[:, :, node] = np.stack(
                 [visible + mid, (high - low) / 2, (high + low) / 2 - mid], axis=1
             )
@@ -138,9 +104,13 @@ def shadowed(
     return replace(facets, sight=sight), reached
 
 
-def edges_of(body: Body) -> Edges:
-    """Return the edges of a body's mesh that two faces share. The rims of an open mesh are left
-    out. Raises HandbenchError for a closed mesh with normals inwards."""
+def edges_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges of a body's mesh that two faces share: (indices [e, 4] of both vertices, in
+    the order of the first face, and of both faces; plane [m, 4] of every face of the mesh: (n, d)
+    with n·x > d in front of it, where n is not a unit vector).
+
+    The rims of an open mesh are left out. Raises HandbenchError for a closed mesh with normals
+    inwards."""
     directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     low, high = np.sort(directed, axis=1).T.astype(np.int64)
     key = low * len(body.vertices_m) + high
@@ -151,77 +121,82 @@ def edges_of(body: Body) -> Edges:
     heights = (vectors * body.vertices_m[body.faces[:, 0]]).sum(axis=1)
     if 2 * len(paired) == len(directed) and heights.sum() < 0:  # 3 volumes
         raise HandbenchError("target: the normals of its mesh point inwards; turn its faces around")
-    planes = np.column_stack([vectors, heights])
-    return Edges(directed[one], np.stack([one, other], axis=1) // 3, planes)
+    edges = np.column_stack([directed[one], one // 3, other // 3])
+    return edges, np.column_stack([vectors, heights])
 
 
-def visible_outline(body: Body, edges: Edges, rays: Rays, antenna_m: np.ndarray) -> Outline:
-    """Return the outline of a body as seen from an antenna [3], which are the edges between a face
-    turned towards it and one turned away, without the edges that the obstacles of `rays` hide.
+def visible_outline(
+    body: Body, edges: tuple[np.ndarray, np.ndarray], rays: Rays, antenna_m: np.ndarray
+) -> np.ndarray:
+    """Return the outline of a body as seen from an antenna [3], which are the edges (`edges_of`)
+    between a face turned towards it and one turned away, without those that the obstacles of `rays`
+    hide: float32 [e, 7], metres from the antenna.
 
-    Each edge diffracts only to points no farther away than the surface that the antenna sees next
-    to it.
+    An edge's middle and half of the vector from its start to its end, counter-clockwise around the
+    body, are followed by the largest distance of points to which it diffracts: that of the surface
+    that the antenna sees next to it.
     """
-    front = edges.planes @ [*antenna_m, -1.0] > 0
-    first, second = front[edges.faces].T
-    ends = np.concatenate([edges.ends[first & ~second], edges.ends[second & ~first][:, ::-1]])
+    sides, planes = edges
+    front = planes @ [*antenna_m, -1.0] > 0
+    first, second = front[sides[:, 2:]].T
+    ends = np.concatenate([sides[first & ~second, :2], sides[second & ~first, 1::-1]])
     start_m, end_m = (body.vertices_m[ends[:, i]] - antenna_m for i in (0, 1))
-    middle_m = (start_m + end_m) / 2
-    beside_m = middle_m + BESIDE_M * unit(np.cross(middle_m, end_m - start_m))
+    middle_m, half_m = (start_m + end_m) / 2, (end_m - start_m) / 2
+    beside_m = middle_m + BESIDE_M * unit(np.cross(middle_m, half_m))
     distance_m = np.linalg.norm(beside_m, axis=1)
     origins_m = np.broadcast_to(antenna_m, beside_m.shape)
     hit_m, _ = rays.first_hits(origins_m, beside_m / distance_m[:, None])
     seen = hit_m > distance_m - THICK_M
-    return Outline(start_m[seen], end_m[seen], hit_m[seen].astype(float) + THICK_M)
+    within_m = hit_m[seen].astype(float) + THICK_M
+    return np.column_stack([middle_m[seen], half_m[seen], within_m]).astype(np.float32)
 
 
-def cubes_of(points_m: np.ndarray, width_m: float = CUBE_M) -> Cubes:
-    """Sort points [n, 3] into cubes of space with the width width_m."""
-    place = np.floor((points_m - points_m.min(axis=0)) / width_m).astype(int)
+def cubes_of(points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sort points [n, 3] into cubes of space: (their indices [n], cube by cube; where the points of
+    each cube begin [cubes + 1])."""
+    place = np.floor((points_m - points_m.min(axis=0)) / CUBE_M).astype(int)
     key = np.ravel_multi_index(place.T, tuple(place.max(axis=0) + 1))
     order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
-    sorted_m = points_m[order]
-    centre_m = np.add.reduceat(sorted_m, starts[:-1]) / np.diff(starts)[:, None]
-    off_m = np.linalg.norm(sorted_m - np.repeat(centre_m, np.diff(starts), axis=0), axis=1)
-    radius_m = np.maximum.reduceat(off_m, starts[:-1])
-    return Cubes(np.ascontiguousarray(sorted_m.T), order, starts, centre_m, radius_m)
+    return order, np.flatnonzero(np.diff(key[order], prepend=-1, append=-2))
 
 
 def edge_waves(
-    antenna_m: np.ndarray, cubes: Cubes, outline: Outline, wavenumbers: np.ndarray
+    antenna_m: np.ndarray,
+    points_m: np.ndarray,
+    starts: np.ndarray,
+    outline: np.ndarray,
+    wavenumbers: np.ndarray,
 ) -> np.ndarray:
     """Compute the field that the edges of an outline diffract to points, over the field of the
     antenna there without obstacles: (1/2π) Σ ∫ e^{−jkδ} dφ, complex64 [k, n], for each wavenumber
-    [k], in the original order of the points. Amplitudes are those at the middle wavenumber."""
-    waves = np.zeros((2, len(wavenumbers), len(cubes.order)), np.float32)
-    middle = wavenumbers.mean()
-    ways_m = (cubes.position_m - antenna_m[:, None]).astype(np.float32)
-    ends_m = outline.start_m, outline.end_m
-    edges = (ends_m[0] + ends_m[1]) / 2, (ends_m[1] - ends_m[0]) / 2, outline.within_m
-    edges_m = np.column_stack(edges).astype(np.float32)
-    centres_m = cubes.centre_m - antenna_m
-    _waves(ways_m, cubes.starts, centres_m, cubes.radius_m, edges_m, wavenumbers, middle, waves)
-    field = np.empty(waves.shape[1:], np.complex64)
-    field[:, cubes.order] = waves[0] + np.complex64(1j) * waves[1]
-    return field
+    [k]. Amplitudes are those at the middle wavenumber.
+
+    points_m [n, 3]: sorted by cubes, of which each begins at starts [cubes + 1] (`cubes_of`);
+    outline [e, 7]: of `visible_outline`.
+    """
+    waves = np.zeros((2, len(wavenumbers), len(points_m)), np.float32)
+    ways_m = np.ascontiguousarray((points_m - antenna_m).T, np.float32)
+    _waves(ways_m, starts, outline, wavenumbers, wavenumbers.mean(), waves)
+    return np.asarray(waves[0] + np.complex64(1j) * waves[1])
 
 
 @njit(**FAST)
 def _waves(  # type: ignore[no-untyped-def]
-    ways_m, starts, centres_m, radius_m, edges_m, wavenumbers, wavenumber, waves
+    ways_m, starts, edges_m, wavenumbers, wavenumber, waves
 ):
     """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
-    by cube, with only those edges that matter for some point of the cube. edges_m [e, 7]: middle,
-    half of the vector from start to end, and the limit of the points' distance."""
+    by cube, with only those edges that matter for some point of the cube."""
     most = np.diff(starts).max()
     amplitude, detour_m = np.empty(most, np.float32), np.empty(most, np.float32)
-    for cube in range(len(radius_m)):
+    for cube in range(len(starts) - 1):
         here = slice(starts[cube], starts[cube + 1])
+        x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
+        centre = x.mean(), y.mean(), z.mean()
+        square_m2 = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2
+        radius_m = np.sqrt(square_m2.max())
         for e in range(len(edges_m)):
-            if not _near(edges_m[e], centres_m[cube], radius_m[cube], FARTHEST / wavenumber):
+            if not _near(edges_m[e], centre, radius_m, FARTHEST / wavenumber):
                 continue
-            x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
             _edge(x, y, z, edges_m[e], wavenumber, amplitude, detour_m)
             for k in range(len(wavenumbers)):
                 turns = np.float32(wavenumbers[k] / (2 * np.pi))
@@ -256,8 +231,9 @@ def _edge(  # type: ignore[no-untyped-def]
     """Compute the wave of one edge at n points: its amplitude [n], which is the angle of the edge
     around the ray, over 2π, and its detour [n].
 
-    x_m, y_m, z_m [n]: the points as seen from the antenna; edge_m [7]: see `_waves`. The amplitude
-    is smaller where the phase differs between start and end, and 0 where the edge does not count.
+    x_m, y_m, z_m [n]: the points as seen from the antenna; edge_m [7]: a row of the outline. The
+    amplitude is smaller where the phase differs between start and end, and 0 where the edge does
+    not count.
     """
     mx, my, mz, hx, hy, hz, within_m = edge_m
     nx, ny, nz = TWO * (hy * mz - hz * my), TWO * (hz * mx - hx * mz), TWO * (hx * my - hy * mx)
@@ -328,12 +304,13 @@ def _nodes(antennas_m: np.ndarray, apart_m: float) -> tuple[np.ndarray, np.ndarr
     return np.array(chosen), np.ascontiguousarray(spread[:, : len(chosen)])
 
 
-def _samples(body: Body, facets: Scatterers) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _samples(body: Body, facets: Scatterers) -> tuple[np.ndarray, ...]:
     """Choose the points at which D is computed: the vertices of the faces that have facets, and the
     facets of faces with edges longer than COARSE_M.
 
-    Returns the points [s, 3] and, for each facet, the indices of three points around it, int32
-    [p, 3], and its barycentric coordinates between them, float32 [p, 3].
+    Returns the points [s, 3] sorted by cubes, where each cube begins (`cubes_of`), and for each
+    facet the indices of three points around it, int32 [p, 3], and its barycentric coordinates
+    between them, float32 [p, 3].
     """
     corner = body.faces[facets.face]
     corners_m = body.vertices_m[corner]
@@ -342,4 +319,6 @@ def _samples(body: Body, facets: Scatterers) -> tuple[np.ndarray, np.ndarray, np
     corner[coarse] = len(body.vertices_m) + coarse[:, None]
     places_m = np.concatenate([body.vertices_m, facets.position_m])
     used, corner = np.unique(corner, return_inverse=True)
-    return places_m[used], corner.astype(np.int32), np.asarray(facets.share, np.float32)
+    order, starts = cubes_of(places_m[used])
+    corner = np.argsort(order)[corner].astype(np.int32)
+    return places_m[used[order]], starts, corner, np.asarray(facets.share, np.float32)

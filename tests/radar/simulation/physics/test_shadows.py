@@ -31,7 +31,9 @@ def test_a_straight_edge_is_fresnel_s_knife_edge(behind_m):
     points_m = np.stack([x_m, 0 * x_m, np.full(100, far_m)], axis=1)
     rays = Rays(body.vertices_m, body.faces)
     outline = visible_outline(body, edges_of(body), rays, antenna_m)
-    waves = edge_waves(antenna_m, cubes_of(points_m), outline, np.array([K]))[0]
+    waves = np.empty(len(points_m), np.complex64)
+    order, starts = cubes_of(points_m)
+    waves[order] = edge_waves(antenna_m, points_m[order], starts, outline, np.array([K]))[0]
     detour_m = DISTANCE_M + np.hypot(x_m, behind_m) - np.hypot(x_m, far_m)
     edge = erfc(np.sqrt(1j * K * detour_m)) / 2
     expected = np.where(x_m < 0, edge, 1 - edge)
