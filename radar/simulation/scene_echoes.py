@@ -21,38 +21,6 @@ SIGHT_TOLERANCE = 1e-3  # of diffracted echoes: a fifth of the error of interpol
 Tones = slice | list[int]
 
 
-@dataclass(frozen=True, eq=False)
-class ScatteringSurface:
-    """The facets of a body that scatter, and how they do.
-
-    layer [p]: index of the material's layer at each facet (thin skin or palm); oblique: True for
-    the obliquity of physical optics, False to scatter evenly in all directions.
-    """
-
-    body: Body
-    facets: Scatterers
-    layer: np.ndarray
-    material: Material = METAL
-    oblique: bool = False
-
-    def where(self, chosen: np.ndarray) -> "ScatteringSurface":
-        """Return the surface with only the facets that a mask [p] or indices select."""
-        return replace(self, facets=self.facets.where(chosen), layer=self.layer[chosen])
-
-    def layers(self, frequencies_hz: np.ndarray) -> Iterator[tuple[np.ndarray, Scatterers]]:
-        """Yield the echo amplitude [f] of each layer of the material relative to metal, and the
-        facets with that layer."""
-        facets = self.facets
-        if len(facets) == 0:
-            raise HandbenchError(
-                "target: no facet of its mesh faces the array; check its position, and that its "
-                "normals point outwards"
-            )
-        optics = facets if self.oblique else replace(facets, normal=None)
-        for n, reflection in enumerate(echo_reflections(self.material, frequencies_hz)):
-            yield reflection, optics.where(self.layer == n)
-
-
 @dataclass(eq=False)
 class Echoes:
     """The echoes of a scene's target and balls while effects shape them.
@@ -61,10 +29,12 @@ class Echoes:
     tolerance: relative error of the fast summation (None: exact sum).
 
     Effects change the following. array: the true positions of the antennas; pattern: exponent q of
-    their amplitude pattern cosᵠθ; surface: the target's facets (None for balls only), which scatter
-    evenly and without shadows before any effect; ball_delay_m [n]: extra one-way path of each
-    ball's echo; bounced [f, t, r]: echoes over several places of the target; moving: whether each
-    tone sees the target at its own time. `shaping` has the functions that did so, in their order.
+    their amplitude pattern cosᵠθ; facets: those of the target (None for balls only), without
+    shadows before any effect; ball_delay_m [n]: extra one-way path of each ball's echo; oblique:
+    True for the obliquity of physical optics, False to scatter evenly in all directions; material:
+    as which the target reflects; bounced [f, t, r]: echoes over several places of the target;
+    moving: whether each tone sees the target at its own time. `shaping` has the functions that did
+    so, in their order.
     """
 
     scene: EchoScene
@@ -72,8 +42,10 @@ class Echoes:
     tolerance: float | None
     empty: bool
     array: AntennaArray
-    surface: ScatteringSurface | None
+    facets: Scatterers | None
     ball_delay_m: np.ndarray
+    oblique: bool = False
+    material: Material = METAL
     pattern: float = 0.0
     bounced: np.ndarray | None = None
     moving: bool = False
@@ -99,8 +71,17 @@ class Echoes:
     @property
     def points_m(self) -> np.ndarray:
         """Positions [n, 3] of the target's facets and of its balls' centres, metres."""
-        facets = [] if self.surface is None else [self.surface.facets.position_m]
+        facets = [] if self.facets is None else [self.facets.position_m]
         return np.concatenate([*facets, *(ball.centre_m[None] for ball in self.scene.balls)])
+
+    @property
+    def layers(self) -> np.ndarray:
+        """Index [m] of the material's layer on each face of the target: 1 on the palm of a hand of
+        skin, else 0."""
+        body = self.scene.body
+        if body.palm is None or self.material.kind != "skin":
+            return np.zeros(len(body.faces), int)
+        return body.palm.astype(int)
 
     def sums(self, tones: Tones = slice(None)) -> np.ndarray:
         """Sum the echoes of the target's surface and of the balls, without bounces: complex64
@@ -108,10 +89,9 @@ class Echoes:
         facets."""
         frequencies_hz = self.scene.frequencies_hz[tones]
         samples = np.zeros((len(frequencies_hz), *self.array.channels), np.complex64)
-        layers = () if self.surface is None else self.surface.layers(frequencies_hz)
-        for reflection, layer in layers:
+        for reflection, facets in self._layered(frequencies_hz):
             echoes = simulate(
-                layer,
+                facets,
                 frequencies_hz,
                 self.array,
                 tolerance=self.tolerance,
@@ -123,6 +103,22 @@ class Echoes:
             echo = sphere_echo(ball.centre_m, ball.radius_m, delay_m, frequencies_hz, self.array)
             samples += echo * pattern_gain(ball.centre_m, self.array, self.pattern)
         return samples
+
+    def _layered(self, frequencies_hz: np.ndarray) -> Iterator[tuple[np.ndarray, Scatterers]]:
+        """Yield the echo amplitude [f] of each layer of the target's material relative to metal,
+        and the facets with that layer."""
+        facets = self.facets
+        if facets is None:
+            return
+        if len(facets) == 0:
+            raise HandbenchError(
+                "target: no facet of its mesh faces the array; check its position, and that its "
+                "normals point outwards"
+            )
+        layer = self.layers[facets.face]
+        optics = facets if self.oblique else replace(facets, normal=None)
+        for n, reflection in enumerate(echo_reflections(self.material, frequencies_hz)):
+            yield reflection, optics.where(layer == n)
 
     def samples(self) -> np.ndarray:
         """Sum all echoes of the target and its balls at rest: complex64 [f, t, r]."""
@@ -136,11 +132,9 @@ def bare_echoes(
     scene: EchoScene, frames: int = 1, tolerance: float | None = 1e-5, empty: bool = False
 ) -> Echoes:
     """Return the echoes of a scene before any effect."""
-    surface, delay_m = None, np.zeros(len(scene.balls))
-    if scene.target is not None:
-        facets = front_facets(scene, scene.target)
-        surface = ScatteringSurface(scene.target, facets, np.zeros(len(facets), int))
-    return Echoes(scene, frames, tolerance, empty, scene.array, surface, delay_m)
+    facets = None if scene.target is None else front_facets(scene, scene.target)
+    delay_m = np.zeros(len(scene.balls))
+    return Echoes(scene, frames, tolerance, empty, scene.array, facets, delay_m)
 
 
 def front_facets(scene: EchoScene, body: Body, longest: float = LONGEST) -> Scatterers:

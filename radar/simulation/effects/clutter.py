@@ -30,12 +30,12 @@ def room_echoes(echoes: Echoes, target: Body | None) -> np.ndarray:
     Facets that are hidden from the aperture's centre are left out. With the effect "shadow", each
     antenna has its own blurred shadow of the target instead.
     """
-    scene, array, surface = echoes.scene, echoes.array, echoes.surface
+    scene, array = echoes.scene, echoes.array
     rays = _rays([*scene.room, *([] if target is None else [target])])
     samples = np.zeros((len(scene.frequencies_hz), *array.channels), np.complex64)
     for body in scene.room:
         facets = front_facets(scene, body, LONGEST)
-        if target is None or surface is None or surface.facets.sight is None:
+        if target is None or echoes.facets is None or echoes.facets.sight is None:
             facets = facets.where(rays.in_sight(facets.position_m, CENTRE_M))
         else:
             facets, reached = shadowed(scene, target, body, facets, rays, array, NODES_M)

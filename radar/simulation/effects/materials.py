@@ -7,8 +7,6 @@ only its front surface is simulated, since refraction is strong inside.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from handbench.radar.simulation.scene_echoes import Echoes
@@ -25,16 +23,13 @@ def skin(echoes: Echoes) -> None:
     0.01 mm. A palm of 430 µm is near a quarter wave: the difference is 2.5 dB, and 1.5 mm of its
     depth error of 2.6 mm.
     """
-    surface = echoes.surface
-    if surface is not None:
-        body, face = surface.body, surface.facets.face
-        layer = surface.layer if body.palm is None else body.palm[face].astype(int)
-        echoes.surface = replace(surface, material=body.material, layer=layer)
+    if echoes.scene.target is not None:
+        echoes.material = echoes.scene.target.material
 
 
 def dielectric(echoes: Echoes) -> None:
     """Delay the echoes of balls in foam, and give a target of plastic its partial reflection."""
     echoes.ball_delay_m = np.array([ball.foam_delay_m for ball in echoes.scene.balls])
-    surface = echoes.surface
-    if surface is not None and surface.body.material.kind == "plastic":
-        echoes.surface = replace(surface, material=surface.body.material)
+    target = echoes.scene.target
+    if target is not None and target.material.kind == "plastic":
+        echoes.material = target.material

@@ -52,11 +52,10 @@ def _distance_m(scene: EchoScene, other: EchoScene) -> float:
 def _moved_echo(moment: Echoes, now: EchoScene, tones: list[int]) -> np.ndarray:
     """Sum the echoes [f, t, r] of some tones f, with the target as it is in the scene `now`, from
     those of a moment near to it."""
-    surface = moment.surface
-    if surface is not None and now.target is not None:
-        facets = moved_facets(surface.facets, surface.body, now.target)
-        surface = replace(surface, facets=facets, body=now.target)
-    moved = replace(moment, scene=now, surface=surface)
+    facets = moment.facets
+    if facets is not None:
+        facets = moved_facets(facets, moment.scene.body, now.body)
+    moved = replace(moment, scene=now, facets=facets)
     samples = moved.sums(tones)
     if moment.bounced is not None:
         middles_m = (state.points_m.mean(axis=0) for state in (moment, moved))

@@ -57,7 +57,7 @@ SUMS = 8  # partial sums, whatever the number of threads
 
 def multipath(echoes: Echoes) -> None:
     """Add the echoes over two places of the target's surface."""
-    if echoes.surface is not None:
+    if echoes.facets is not None:
         echoes.bounced = Bounces(echoes).echo()
 
 
@@ -66,21 +66,19 @@ class Bounces:
     the smooth surface's unit normals there."""
 
     def __init__(self, echoes: Echoes) -> None:
-        scene, surface, body = echoes.scene, echoes.surface, echoes.scene.body
-        assert surface is not None
+        scene, body = echoes.scene, echoes.scene.body
         self._echoes, self._rays, self._surface = echoes, rays_of(scene, body), triangles_of(body)
         self._flat_m2 = face_vectors(body.vertices_m, body.faces)
-        palm = body.palm if surface.material.kind == "skin" else None
-        self._layer = (np.zeros(len(body.faces)) if palm is None else palm).astype(int)
+        self._layer = echoes.layers
         f, cosines = scene.frequencies_hz, np.maximum(np.linspace(0, 1, COSINES), 1e-6)
-        fresnel = reflections(surface.material, np.array([f.mean()]), cosines)
+        fresnel = reflections(echoes.material, np.array([f.mean()]), cosines)
         self._fresnel = fresnel / fresnel[..., -1:]
         wavenumber = 2 * np.pi * f[:, None] / SPEED_OF_LIGHT_M_S
         extent_m = np.linalg.norm(np.ptp(body.vertices_m, axis=0), axis=0, keepdims=True)
         few, self._tones = skeleton(band_kernel(wavenumber, wavenumber, extent_m), TONES)
         self._few_hz, self._middle_m = f[few], body.vertices_m.mean(axis=0)
         self._turns_per_m = self._few_hz / SPEED_OF_LIGHT_M_S
-        once = echo_reflections(surface.material, self._few_hz).T.astype(np.complex64)
+        once = echo_reflections(echoes.material, self._few_hz).T.astype(np.complex64)
         self._twice = once[:, :, None] * once[:, None]
 
     def echo(self) -> np.ndarray:

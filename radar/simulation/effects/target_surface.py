@@ -28,30 +28,28 @@ SPREAD = 0.096  # variance of an equilateral triangle's points along an axis ove
 def obliquity(echoes: Echoes) -> None:
     """Make each facet scatter by the angle at which each antenna sees it, as in physical optics,
     instead of evenly in all directions."""
-    if echoes.surface is not None:
-        echoes.surface = replace(echoes.surface, oblique=True)
+    echoes.oblique = True
 
 
 def shadow(echoes: Echoes) -> None:
     """Weaken and turn the field of each antenna at the facets by the outlines of the body (see
     `physics.shadows`). Facets that no transmitter or no receiver reaches are left out. The shadows
     of multiple bounces are sharp."""
-    if echoes.surface is None:
+    scene, facets = echoes.scene, echoes.facets
+    if facets is None:
         return
-    scene, body, facets = echoes.scene, echoes.surface.body, echoes.surface.facets
-    rays = rays_of(scene, body)
+    body, rays = scene.body, rays_of(scene, scene.body)
     facets, reached = shadowed(scene, body, body, facets, rays, echoes.array, NODES_M)
-    echoes.surface = replace(echoes.surface, facets=facets).where(reached)
+    echoes.facets = facets.where(reached)
 
 
 def roughness(echoes: Echoes) -> None:
     """Displace the facets along their normals by a random relief, and weaken each facet's echo by
     the part of the relief that is finer than the facet."""
-    if echoes.surface is None:
+    if echoes.facets is None:
         return
     waves = waves_of(echoes.scene.roughness, generator(echoes.scene.seeds("roughness")))
-    facets = displace_facets(echoes.surface.facets, *waves, _wavenumber(echoes.scene))
-    echoes.surface = replace(echoes.surface, facets=facets)
+    echoes.facets = displace_facets(echoes.facets, *waves, _wavenumber(echoes.scene))
 
 
 def waves_of(

@@ -48,7 +48,7 @@ def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
     differences from full sight below FULL are left out. The field itself is compared in
     `physics/`."""
     made, turns = state(BODY), 80e9 / SPEED_OF_LIGHT_M_S
-    facets, rays = made.surface.facets, Rays(BODY.vertices_m, BODY.faces)
+    facets, rays = made.facets, Rays(BODY.vertices_m, BODY.faces)
     chosen = np.flatnonzero(facets.face >= len(FINGER.faces))[::58]
     order, starts = cubes_of(facets.position_m[chosen])
     part, edges = facets.where(chosen[order]), edges_of(BODY)
@@ -72,8 +72,7 @@ def test_facets_are_weighed_by_the_field_past_the_outline_of_either_leg():
 def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
     """Within the tolerance, 1e-5: the weights' course over frequency is a parabola, which the tones
     of a leaf carry with the delays of the waves themselves."""
-    surface = state(BODY, tones_hz=np.linspace(72e9, 82e9, 24)).surface
-    optics = surface.facets
+    optics = state(BODY, tones_hz=np.linspace(72e9, 82e9, 24)).facets
     fast, plain = (
         simulate(optics, np.linspace(72e9, 82e9, 24), ARRAY, tolerance=t) for t in (1e-5, None)
     )
@@ -83,7 +82,7 @@ def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
 def test_nothing_diffracts_on_a_sheet_alone():
     bare = shaped(EchoScene(ARRAY, TONES_HZ, np.zeros(4), SHEET), obliquity)
     made = state(SHEET)
-    assert not made.surface.facets.sight.partial.any()
+    assert not made.facets.sight.partial.any()
     np.testing.assert_array_equal(made.samples(), bare.samples())
 
 

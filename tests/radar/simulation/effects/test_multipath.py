@@ -154,7 +154,7 @@ def test_motion_turns_the_bounces_with_the_target():
     motion, count = Motion(velocity_m_s=0.2), len(TONES_HZ)
     made = state(FINGERS)
     made.scene = replace(made.scene, time_s=np.full(count, 1e-3), motion=motion)
-    made.surface = made.surface.where(np.arange(1))  # the bounces alone, but for one facet
+    made.facets = made.facets.where(np.arange(1))  # the bounces alone, but for one facet
     turned = moving_samples(made)[0]
     moved = twice(Body(FINGERS.vertices_m + [0, 0, 2e-4], FINGERS.faces))
     # 0.2 mm turn the echoes by 0.6 rad; what is left over is the tubes' borders.
@@ -185,6 +185,6 @@ def test_layers_reflect_each_in_its_way(reflection, two, expected, monkeypatch):
     second = np.arange(len(CORNER.faces)) >= len(CORNER.faces) // 2
     body = replace(CORNER, palm=second & two)
     bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), body))
-    bare.surface = replace(bare.surface, material=Material(kind="skin"))
+    bare.material = Material(kind="skin")
     bare.shape(multipath)
     assert relative_error(bare.bounced, expected * metal) < 1e-6

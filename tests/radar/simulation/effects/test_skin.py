@@ -84,7 +84,7 @@ def test_each_face_has_its_own_layer():
     left = body.vertices_m[body.faces].mean(axis=1)[:, 0] < 0.01
     scene = bead_scene(target=replace(body, material=SKIN, palm=left))
     state = shaped(scene, skin)
-    assert np.array_equal(state.surface.layer == 1, left[state.surface.facets.face])
+    assert np.array_equal(state.layers == 1, left)
 
 
 @pytest.mark.parametrize(
