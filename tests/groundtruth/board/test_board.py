@@ -16,7 +16,7 @@ from handbench.groundtruth.board.board import (
 from handbench.groundtruth.board.markers import detect_corners, focal_length_px, require_board
 from handbench.groundtruth.cameras.cameras import Camera
 from handbench.groundtruth.photos.photos import Photo
-from handbench.support.errors import HandbenchError
+from tests.refusals import refuse
 
 CORNERS = ((0.0, 0.03, 0.0), (0.03, 0.03, 0.0), (0.03, 0.0, 0.0), (0.0, 0.0, 0.0))
 CHARUCO = Charuco(columns=7, rows=6, square_m=0.03, marker_m=0.022, dictionary="DICT_5X5_50")
@@ -32,26 +32,19 @@ def test_round_trip_through_a_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "place"),
     [
-        (MARKER_FILE * 2, "two markers have the same id"),
-        ("[[marker]]\nid = 1\ncorners_m = [[0.0, 0.0, 0.0]]\n", r"corners_m.*at least 4"),
-        ('dictionary = "DICT_4X4_50"\n', "the board has no marker"),
-        (CHARUCO_FILE.replace("0.02", "0.03"), "a marker must be smaller than the square"),
-        (CHARUCO_FILE.replace("rows", "row"), "did you mean 'rows'"),
-        (MARKER_FILE + CHARUCO_FILE, "two markers have the same id"),
-        ('dictionary = "APRIL"\n' + MARKER_FILE, "the dictionary 'APRIL' is unknown"),
-        (
-            CHARUCO_FILE.replace("4", "11").replace("5", "10"),
-            "needs 55 markers, but the dictionary 'DICT_4X4_50' has 50",
-        ),
+        (MARKER_FILE * 2, "same id"),
+        (MARKER_FILE + CHARUCO_FILE, "same id"),
+        ('dictionary = "DICT_4X4_50"\n', "[[marker]]"),
+        (CHARUCO_FILE.replace("0.02", "0.03"), "'charuco'"),
+        ('dictionary = "APRIL"\n' + MARKER_FILE, "'APRIL'"),
+        (CHARUCO_FILE.replace("4", "11").replace("5", "10"), "55 markers"),
     ],
 )
-def test_a_wrong_board_is_refused(tmp_path, text, words):
+def test_a_wrong_board_is_refused(tmp_path, text, place):
     (tmp_path / "board.toml").write_text(text)
-    with pytest.raises(HandbenchError, match=words):
-        board = load_board(tmp_path / "board.toml")
-        board.cv_dictionary()
+    refuse(lambda: load_board(tmp_path / "board.toml").cv_dictionary(), place)
 
 
 def slanted(width, height):
@@ -95,10 +88,7 @@ def test_charuco_corners_are_found_in_colmaps_pixels(tmp_path, legacy):
     assert np.linalg.norm(error, axis=1).max() < 0.2 and np.abs(error.mean(axis=0)).max() < 0.05
     # rows are even: the other pattern has its markers elsewhere
     assert len(detect_corners(photo, other)) < 15
-    with pytest.raises(
-        HandbenchError, match=r"7 × 6 squares with DICT_5X5_50.*found in 1 of 2 photographs"
-    ):
-        require_board({"a.png": found, "b.png": {}}, board)
+    refuse(lambda: require_board({"a.png": found, "b.png": {}}, board), "7 × 6", "1 of 2")
     assert require_board({"a.png": found, "b.png": found}, board)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.groundtruth.cameras.metashape import read_metashape
-from handbench.support.errors import HandbenchError
+from tests.refusals import refuse
 
 WIDTH, HEIGHT = 640, 480
 LENS = {"f": 700.0, "cx": 5.5, "cy": -3.25, "b1": 1.5, "k1": -0.08, "k2": 0.05, "k3": -0.02}
@@ -14,8 +14,6 @@ CAMERA_TO_CHUNK = np.eye(4)
 CAMERA_TO_CHUNK[:3, :3] = Rotation.from_euler("xyz", (170, 10, -20), degrees=True).as_matrix()
 CAMERA_TO_CHUNK[:3, 3] = (0.7, -1.1, 9.0)
 TURN = Rotation.from_euler("xyz", (-60, 30, 15), degrees=True).as_matrix()
-BOMB = "<!ENTITY a0 'boom'>"
-BOMB += "".join(f"<!ENTITY a{k + 1} '{10 * f'&a{k};'}'>" for k in range(9))
 SCALE, SHIFT_M = 0.05, np.array([10.0, 20.0, -3.0])
 
 
@@ -87,11 +85,10 @@ def test_without_a_scale_there_are_no_poses_and_labels_may_be_paths(tmp_path):
     [
         ("<f>", "<k4>0.1</k4><f>", "k4"),
         ("<f>", "<b2>0.147</b2><f>", "b2"),  # 0.05 px at the picture's edge, 240 px off
-        ("<f>700.0", "<f>nan", r"cams\.xml"),
-        ("<document", f"<!DOCTYPE d [{BOMB}]><document l='&a9;'", "XML"),
+        ("<f>700.0", "<f>nan", "nan"),
         ("</document>", "", "XML"),
         ("frame", "fisheye", "frame"),
-        ("sensor_id='0'", "sensor_id='9'", r"cams\.xml"),
+        ("sensor_id='0'", "sensor_id='9'", "9"),
         ("chunk", "piece", "0 Metashape chunks"),
         ("<transform>", "<transform>7 ", "size 17"),
     ],
@@ -99,5 +96,4 @@ def test_without_a_scale_there_are_no_poses_and_labels_may_be_paths(tmp_path):
 def test_a_wrong_file_is_refused(tmp_path, find, put, place):
     path = export(tmp_path / "cams.xml")
     path.write_text(path.read_text("utf-8").replace(find, put), encoding="utf-8")
-    with pytest.raises(HandbenchError, match=place):
-        read_metashape(path)
+    refuse(lambda: read_metashape(path), str(path), place)

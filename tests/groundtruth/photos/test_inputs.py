@@ -1,7 +1,5 @@
 """Inputs that the command accepts and refuses."""
 
-from contextlib import nullcontext
-
 import pytest
 from PIL import Image
 
@@ -13,82 +11,71 @@ from handbench.groundtruth.pipeline import perform
 from handbench.groundtruth.sparse.inputs import Known, gather
 from handbench.groundtruth.sparse.sfm import structure_from_motion
 from handbench.support.config import parse
-from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import exact_model
 from tests.groundtruth.room import around, look, photograph, true_camera
-
-
-def options_of(*arguments):
-    chosen = parser().parse_args(["groundtruth", "photos", "-o", "out.ply", *arguments])
-    values = {name: value for name, value in vars(chosen).items() if name in Options.model_fields}
-    return parse(Options, values, "groundtruth")
-
-
-def test_the_commands_arguments_reach_the_options():
-    given = options_of("--cameras", "m", "--metric", "--box=-1,0,0,1,1,1")
-    assert given.metric and str(given.cameras) == "m"
-    assert given.box_m == (-1, 0, 0, 1, 1, 1)
-
+from tests.refusals import refuse
 
 K = (440, 440, 200, 150)
 
 
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory):
+    """Photographs of two sizes."""
+    folder = tmp_path_factory.mktemp("photos")
+    photograph(folder)
+    Image.fromarray(look(around(5)[4], size=(320, 240))).save(folder / "p4.png")
+    return folder
+
+
+def test_the_commands_arguments_reach_the_options():
+    arguments = ["groundtruth", "photos", "-o", "a.ply", "--cameras", "m", "--box=-1,0,0,1,1,1"]
+    chosen = vars(parser().parse_args([*arguments, "--metric"]))
+    values = {name: value for name, value in chosen.items() if name in Options.model_fields}
+    given = parse(Options, values, "groundtruth")
+    assert given.metric and str(given.cameras) == "m" and given.box_m == (-1, 0, 0, 1, 1, 1)
+
+
 @pytest.mark.parametrize(
-    ("given", "words"),
+    ("given", "place"),
     [
-        ({"cameras": "m", "intrinsics": K}, "cameras, intrinsics: both are given"),
-        ({}, r"nothing gives the scale.*--unscaled"),
-        ({"unscaled": True, "masks": "nowhere"}, "expected a folder with masks"),
+        ({"cameras": "m", "intrinsics": K}, "cameras, intrinsics"),
+        ({}, "--unscaled"),
+        ({"unscaled": True, "masks": "nowhere"}, "nowhere"),
         ({"unscaled": True, "box_m": (0, 0, 1, 1, 1, 0)}, "box_m"),
-        ({"unscaled": True, "intrinsics": K}, r"different sizes \(320 × 240, 400 × 300\)"),
+        ({"unscaled": True, "intrinsics": K}, "320 × 240, 400 × 300"),
     ],
 )
-def test_what_cannot_go_together_is_refused(tmp_path, given, words):
-    """One of the photographs has another size."""
-    photograph(tmp_path)
-    Image.fromarray(look(around(5)[4], size=(320, 240))).save(tmp_path / "p4.png")
-    with pytest.raises(HandbenchError, match=words):
-        perform(tmp_path / "work", tmp_path, parse(Options, given, "test"), count=1)
+def test_what_cannot_go_together_is_refused(tmp_path, photos, given, place):
+    refuse(lambda: perform(tmp_path, photos, parse(Options, given, "test"), count=1), place)
 
 
-def test_a_metric_model_is_enough(tmp_path):
-    photograph(tmp_path)
-    folder = tmp_path / "model"
-    folder.mkdir()
-    exact_model(around(4)).write_binary(folder)
-    assert gather(tmp_path, Options(cameras=folder, metric=True)).posed
-    with pytest.raises(HandbenchError, match="nothing gives the scale"):
-        gather(tmp_path, Options(cameras=folder))  # COLMAP's poses have no unit
+def test_a_colmap_model_gives_the_scale_if_it_is_metric(tmp_path, photos):
+    exact_model(around(4)).write_binary(tmp_path)
+    assert gather(photos, Options(cameras=tmp_path, metric=True)).posed
+    refuse(lambda: gather(photos, Options(cameras=tmp_path)), str(photos), "--metric")
 
 
-def test_the_poses_of_three_photographs_give_the_scale(tmp_path):
+@pytest.mark.parametrize(
+    ("posed", "off_m", "place"), [(3, 9e3, None), (2, 0.0, "--unscaled"), (3, 1.1e4, "e+04 m")]
+)
+def test_the_poses_of_three_photographs_near_the_origin_give_the_scale(
+    tmp_path, posed, off_m, place
+):
     photograph(tmp_path)
     cameras = [true_camera(f"p{k}.png", centre_m) for k, centre_m in enumerate(around(4))]
-    cameras[3] = cameras[3].model_copy(update={"R": None, "t": None})
+    cameras = [
+        c.model_copy(update={"t": (*c.t[:2], c.t[2] + off_m)} if k < posed else {"R": None})
+        for k, c in enumerate(cameras)
+    ]
     save_cameras(tmp_path / "cameras.json", tuple(cameras))
-    found = gather(tmp_path, Options())
-    assert [camera.posed for camera in found.cameras] == [True] * 3 + [False]
-    cameras[2] = cameras[2].model_copy(update={"R": None, "t": None})
-    save_cameras(tmp_path / "cameras.json", tuple(cameras))
-    with pytest.raises(HandbenchError, match="nothing gives the scale"):
-        gather(tmp_path, Options())
+    if place:
+        refuse(lambda: gather(tmp_path, Options()), place)
+    else:
+        assert sum(camera.posed for camera in gather(tmp_path, Options()).cameras) == posed
 
 
-def test_cameras_far_from_the_origin_are_refused(tmp_path):
-    photograph(tmp_path)
-    cameras = [true_camera(f"p{k}.png", centre_m) for k, centre_m in enumerate(around(4))]
-    for off_m, refused in ((9e3, False), (1.1e4, True)):
-        moved = [c.model_copy(update={"t": (*c.t[:2], c.t[2] + off_m)}) for c in cameras]
-        save_cameras(tmp_path / "cameras.json", tuple(moved))
-        with pytest.raises(HandbenchError, match="subtract") if refused else nullcontext():
-            gather(tmp_path, Options())
-
-
-def test_photographs_without_overlap_end_in_a_sentence(tmp_path):
-    for i, centre_m in enumerate(around(4)):
-        Image.fromarray(look(centre_m, room=i)).save(tmp_path / f"p{i}.png")
-    (tmp_path / "sfm").mkdir()
-    with pytest.raises(
-        HandbenchError, match="of 4 photographs could be registered; expected at least 3"
-    ):
-        structure_from_motion(Known(find_photos(tmp_path)), tmp_path / "sfm")
+def test_photographs_without_overlap_are_refused(tmp_path):
+    for i, centre_m in enumerate(around(3)):
+        Image.fromarray(look(centre_m, size=(240, 180), room=i)).save(tmp_path / f"p{i}.png")
+    known = Known(find_photos(tmp_path))
+    refuse(lambda: structure_from_motion(known, tmp_path), "of 3 photographs")
