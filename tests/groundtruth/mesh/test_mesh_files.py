@@ -1,5 +1,5 @@
-"""Mesh files: every format and dialect gives the same triangles, and a broken file is refused in
-one line."""
+"""Mesh files: every format and dialect gives the same triangles, a broken file is refused, and the
+command carries a mesh to metres."""
 
 import codecs
 import struct
@@ -7,8 +7,9 @@ import struct
 import numpy as np
 import pytest
 
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import read_triangles
-from handbench.support.errors import HandbenchError
+from tests.refusals import refuse, refuse_command
 
 VERTICES_M = np.float32([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)])
 FACES = np.array([(0, 2, 1), (1, 2, 3)])
@@ -34,7 +35,6 @@ LOOPS = [
     + "\nendloop\nendfacet"
     for face in FACES
 ]
-PLY = ply()
 ASCII_PLY = lines(HEADER.format("ascii").rstrip(), *PLACES, "3 0 2 1", "3 1 2 3")
 OBJ = lines("# a", "vn 0 0 1", *(f"v {place}" for place in PLACES), "f 1 3 2", "f -3/1/1 -2//1 -1")
 STL = b"solid".ljust(80) + struct.pack("<I", 2)
@@ -46,16 +46,13 @@ FIRST = lines(*(f"v {place}" for place in PLACES[:3]), "f -3 -1 -2", f"v {PLACES
 @pytest.mark.parametrize(
     ("name", "content"),
     [
-        ("a.ply", PLY),
+        ("a.ply", ply()),
         ("a.ply", ply("big", ">")),
-        ("a.ply", ASCII_PLY),
         ("a.ply", codecs.BOM_UTF8 + ASCII_PLY.replace(b"\n", b"\r\n")),
-        ("A.OBJ", OBJ),
-        ("a.obj", OBJ.replace(b"f 1 3 2", b"f 1\\\n 3 \\\n 2")),
+        ("A.OBJ", OBJ.replace(b"f 1 3 2", b"f 1\\\n 3 \\\n 2")),
         ("a.obj", OBJ.replace(b"\n", b" # in C:\\\r\n")),
         ("a.obj", FIRST),
         ("a.stl", STL),
-        ("a.stl", ASCII_STL),
         ("a.stl", codecs.BOM_UTF8 + ASCII_STL.upper()),
     ],
 )
@@ -80,43 +77,50 @@ def test_other_lists_and_columns_are_read(tmp_path):
 
 @pytest.mark.parametrize("first", range(5))
 def test_a_polygon_is_cut_without_overlap(tmp_path, first):
-    """An arrow, whose notch only its tip and the notch itself see, from each corner."""
-    x, y = np.array([(0, 0), (2, -1), (1, 0), (2, 1), (1, 0.8)]).T
+    """An arrow of area 1.3, whose notch only its tip and the notch itself see, from each corner."""
+    points = [f"v {x} {y} 0" for x, y in ((0, 0), (2, -1), (1, 0), (2, 1), (1, 0.8))]
     corners = " ".join(str(1 + (first + k) % 5) for k in range(5))
-    points = [f"v {a} {b} 0" for a, b in zip(x, y, strict=True)]
     (tmp_path / "a.obj").write_bytes(lines(*points, f"f {corners}"))
     vertices_m, faces, _ = read_triangles(tmp_path / "a.obj")
     edges_m = np.diff(vertices_m[faces], axis=1)
     areas = np.cross(edges_m[:, 0], edges_m[:, 1])[:, 2] / 2
-    assert (areas > 0).all()
-    assert areas.sum() == pytest.approx((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
+    assert (areas > 0).all() and areas.sum() == pytest.approx(1.3)
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "old", "new"),
+    ("name", "content"),
     [
-        ("a.ply", PLY, b"face 2", b"face 100000000"),  # more than the file has
-        ("a.ply", PLY, b"element face 2\nproperty list uchar int vertex_indices\n", b""),
-        ("a.ply", PLY, b"end_header", b""),
-        ("a.ply", PLY[:-1], b"", b""),
-        ("a.ply", ply(faces=[(0, 1), (1, 2)]), b"", b""),
-        ("a.ply", ply(faces=[(0, 2, 1), (0, 2, 3, 1)]), b"", b""),
-        ("a.ply", ASCII_PLY, b"0.400000006", b"nan"),
-        ("a.ply", ASCII_PLY, b"3 0 2 1", b"3 0 2 1.5"),
-        ("a.ply", ASCII_PLY, b"3 1 2 3\n", b""),
-        ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 0"),
-        ("a.obj", OBJ, b"f 1 3 2", b"f 1 3 -5"),
-        ("a.obj", OBJ, b" 0.400000006", b""),
-        ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4", b"", b""),  # crosses itself
-        ("a.stl", STL[:-1], b"", b""),
-        ("a.stl", b"x" * 80 + struct.pack("<I", 10**8), b"", b""),
-        ("a.stl", ASCII_STL[:-30], b"", b""),
-        ("a.gltf", b"{}", b"", b""),
+        ("a.ply", ply().replace(b"face 2", b"face 100000000")),  # more than the file has
+        ("a.ply", ply() + b"more"),
+        ("a.ply", ply().replace(b"end_header", b"")),
+        ("a.ply", ply(faces=[(0, 1), (1, 2)])),
+        ("a.ply", ply(faces=[(0, 2, 1), (0, 2, 3, 1)])),
+        ("a.ply", ASCII_PLY.replace(b"0.400000006", b"nan")),
+        ("a.ply", ASCII_PLY.replace(b"3 0 2 1", b"3 0 2 1.5")),
+        ("a.obj", OBJ.replace(b"f 1 3 2", b"f 1 3 0")),
+        ("a.obj", OBJ.replace(b"f 1 3 2", b"f 1 3 5")),
+        ("a.obj", OBJ.replace(b" 0.400000006", b"")),
+        ("a.obj", b"v 0 0 0\nv 1 1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 4"),  # crosses itself
+        ("a.stl", STL[:-1]),
+        ("a.stl", ASCII_STL[:-30]),
+        ("a.gltf", b"{}"),
     ],
 )
-def test_a_broken_mesh_is_refused_in_one_line(tmp_path, name, content, old, new):
-    assert old in content
-    (tmp_path / name).write_bytes(content.replace(old, new))
-    with pytest.raises(HandbenchError) as caught:
-        read_triangles(tmp_path / name)
-    assert str(caught.value).startswith(str(tmp_path / name)) and "\n" not in str(caught.value)
+def test_a_broken_mesh_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    refuse(lambda: read_triangles(tmp_path / name), str(tmp_path / name))
+
+
+def test_the_command_takes_a_mesh_in_millimetres_over(tmp_path):
+    file = tmp_path / "hand.stl"
+    in_mm = 1000 * VERTICES_M[FACES]
+    file.write_bytes(STL[:84] + b"".join(bytes(12) + t.tobytes() + bytes(2) for t in in_mm))
+    command = ["groundtruth", str(file), "-o", str(tmp_path / "out.ply")]
+    refuse_command(command, "--unit", "hand.stl")
+    assert main([*command, "--unit", "mm"]) == 0
+    vertices_m, faces, _ = read_triangles(tmp_path / "out.ply")
+    np.testing.assert_allclose(vertices_m[faces], VERTICES_M[FACES], atol=1e-7)
+    refuse_command([*command, "--unit", "mm"], "out.ply")
+    refuse_command([*command, "--unit", "m", "--overwrite"], "hand.stl", "100 m")
+    command[1] = str(tmp_path)
+    refuse_command([*command, "--unit", "mm", "--overwrite"], "--unit", str(tmp_path))

@@ -26,57 +26,52 @@ PIXEL_M = 1e-3
 NAMES = tuple(f"p{i}.png" for i in range(5))
 
 
-def plate(spread_m=1e-4, views=5):
-    """A cloud on the plane z = 0 about the origin, a point a pixel, on which the first `views` of
-    five views agree."""
+def plate():
+    """A cloud on the plane z = 0 about the origin, a point a pixel, on which five views agree."""
     x, y = np.meshgrid(*[PIXEL_M * np.arange(-15.0, 16)] * 2)
     points_m = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
     n = len(points_m)
-    seen = np.tile(np.arange(5) < views, (n, 1))
-    return Cloud(points_m, np.tile([0.0, 0, 1], (n, 1)), seen, np.full(n, spread_m), NAMES, PIXEL_M)
+    normals, seen = np.tile([0.0, 0, 1], (n, 1)), np.ones((n, 5), dtype=bool)
+    return Cloud(points_m, normals, seen, np.full(n, 1e-4), NAMES, PIXEL_M)
 
 
 @pytest.fixture(scope="module")
 def cameras():
-    """Photographs and their covariance, and the same photographs known exactly."""
+    """Photographs and their covariance."""
     scene = noisy_model()
-    known = scene.covariance()
-    return scene, registered_images(scene.model), known, 0 * known
+    return registered_images(scene.model), scene.covariance()
 
 
 def test_cameras_count_along_the_normal(cameras):
-    _, images, known, _ = cameras
     cloud = plate()
     tilted = np.array([0.3, -0.2, 0.5]) / np.sqrt(0.38)
-    cloud = replace(
-        cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)), views=cloud.views.copy()
-    )
+    cloud = replace(cloud, normals=np.tile(tilted, (len(cloud.points_m), 1)))
     cloud.views[::2, 1] = False
-    variance = camera_variance(cloud, images, known)
+    variance = camera_variance(cloud, *cameras)
     for i in (0, 1, 480):
-        [covariance] = point_covariance(images, known, cloud.points_m[[i]], cloud.views[[i]])
+        [covariance] = point_covariance(*cameras, cloud.points_m[[i]], cloud.views[[i]])
         assert variance[i] == pytest.approx(tilted @ covariance @ tilted, rel=1e-9)
     assert variance[0] != pytest.approx(variance[1], rel=1e-3)
 
 
 def test_the_parts_add_as_variances(cameras):
-    _, images, known, exact = cameras
+    """Of five maps: 2 · 4/(5 · 3) of the square of their spread."""
+    images, covariance = cameras
     cloud, middle = plate(), np.zeros((1, 3))
-    both, _ = surface_sigma(cloud, middle, images, known)
-    matching, _ = surface_sigma(cloud, middle, images, exact)
-    of_cameras, _ = surface_sigma(
-        replace(cloud, spread_m=0 * cloud.spread_m), middle, images, known
-    )
+    both, _ = surface_sigma(cloud, middle, images, covariance)
+    matching, _ = surface_sigma(cloud, middle, images, 0 * covariance)
+    steady = replace(cloud, spread_m=0 * cloud.spread_m)
+    of_cameras, _ = surface_sigma(steady, middle, images, covariance)
     assert both[0] == pytest.approx(np.hypot(matching[0], of_cameras[0]), rel=1e-9)
-    assert matching[0] == pytest.approx(1e-4 * np.sqrt(8 / 15), rel=1e-9)  # 2 · 4/(5 · 3)
+    assert matching[0] == pytest.approx(1e-4 * np.sqrt(8 / 15), rel=1e-9)
     assert of_cameras[0] > 2e-5
 
 
 def test_beyond_the_points_it_grows_and_was_not_seen(cameras):
-    _, images, _, exact = cameras
+    images, covariance = cameras
     beyond_px = np.array([0.0, 0.4, 0.9, 1.4, 1.6, 4.0])
     vertices_m = np.stack([PIXEL_M * (15 + beyond_px), 0 * beyond_px, 0 * beyond_px], axis=1)
-    sigma_m, observed = surface_sigma(plate(), vertices_m, images, exact)
+    sigma_m, observed = surface_sigma(plate(), vertices_m, images, 0 * covariance)
     grown_m = SLOPE * PIXEL_M * np.maximum(beyond_px - REACH_PX, 0)
     np.testing.assert_allclose(sigma_m, np.hypot(1e-4 * np.sqrt(8 / 15), grown_m), rtol=1e-9)
     np.testing.assert_array_equal(observed, beyond_px < OBSERVED_PX)
@@ -108,10 +103,10 @@ def test_two_maps_of_one_pair_take_the_spread_of_the_others():
 
 
 def test_a_vertex_takes_the_mean_of_its_neighbours(cameras):
-    _, images, _, exact = cameras
+    images, covariance = cameras
     cloud = plate()
     at = np.argmin(np.linalg.norm(cloud.points_m, axis=1))
     cloud.spread_m[at] = 1e-3  # a draw of few views, by chance
-    sigma_m, _ = surface_sigma(cloud, np.zeros((1, 3)), images, exact)
+    sigma_m, _ = surface_sigma(cloud, np.zeros((1, 3)), images, 0 * covariance)
     expected = 8 / 15 * ((NEIGHBOURS - 1) * 1e-4**2 + 1e-3**2) / NEIGHBOURS
     assert sigma_m[0] ** 2 == pytest.approx(expected, rel=1e-9)
