@@ -3,11 +3,7 @@ name."""
 
 from pathlib import Path
 
-import pytest
-
 from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark, load_tradeoff
-from handbench.bench.validation.inspection import inspect
-from handbench.support.errors import HandbenchError
 
 BENCH = 'version = 1\nname = "swept"\n[[capture]]\nscene = "ball.toml"\n[[method]]\n'
 
@@ -40,33 +36,6 @@ def test_a_method_is_listed_several_times_with_different_names(tmp_path):
     fine = 'id = "3fsk"\nname = "fine"\nconfig = { tolerance = 1e-5 }'
     labels = [entry.label for entry in swept(tmp_path, fine, 'id = "3fsk"').method]
     assert labels == ["fine", "3fsk"]
-
-
-@pytest.mark.parametrize(
-    ("method", "words"),
-    [
-        ('id = "2fsk"\nsweep = { tolerence = [1e-3] }', "did you mean 'tolerance'"),
-        ('id = "2fsk"\nsweep = { "tolerance.a" = [1] }', "not in a table of the method"),
-        ('id = "2fsk"\nsweep = { tolerance = [] }', "tolerance"),
-        ('id = "2fsk"\nsweep = { tolerance = [1e-3, 1e-3] }', "is listed twice"),
-        ('id = "2fsk"\nsweep = { every_nth_antenna = [0] }', "greater than or equal to 1"),
-        (f'id = "2fsk"\nsweep = {{ seed = {[1] * 40}, tolerance = {[1] * 40} }}', "1600 methods"),
-        ('id = "2fsk"\nname = "3fsk"', "same meaning as '3fsk'"),
-        ('id = "mine"\nmaps = "m"\nsweep = { tolerance = [1] }', "sweep"),
-    ],
-)
-def test_sweeps_that_cannot_work_are_refused_in_one_line(tmp_path, method, words):
-    with pytest.raises(HandbenchError) as refused:
-        swept(tmp_path, method)
-    assert words in str(refused.value) and "\n" not in str(refused.value)
-    file = tmp_path / "swept.toml"
-    assert str(file) in str(refused.value)
-    assert any(words in problem for problem in inspect(str(file)).lines)
-
-
-def test_an_unknown_setting_is_refused(tmp_path):
-    with pytest.raises(HandbenchError, match="did you mean '2fsk'"):
-        swept(tmp_path, 'id = "2fsk"', only=("2fks",))
 
 
 def test_a_benchmark_without_a_sweep_takes_the_installed_one():

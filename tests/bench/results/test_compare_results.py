@@ -4,63 +4,20 @@ refusals."""
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.main_table import main_table
-from handbench.bench.evaluation.metrics import figures
-from handbench.bench.evaluation.scoring_protocols import PAPER
-from handbench.bench.evaluation.tables import SCORES, TASKS, frame
-from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.compare_results import FIRST, Compared, compare_results
 from handbench.bench.results.maps import SurfaceMap, write_surface
-from handbench.bench.results.result_folder import Result
-from handbench.support.errors import HandbenchError
-
-AXIS_M = 2.5e-3 * np.arange(36)
-REFERENCE_M = np.full((36, 36), 0.3)
-NAMES = ("B", "F", "U", "V", "W", "X")
+from tests.bench.results.flat_results import AXIS_M, NAMES, REFERENCE_M, flat_result
+from tests.refusals import refuse
 
 
 def speckle(seed: int, captures: int = 6) -> np.ndarray:
     """Errors [capture, y, x] of 1 mm that are one over 7.5 mm."""
     return np.kron(np.random.default_rng(seed).normal(size=(captures, 12, 12)), np.ones((3, 3)))
-
-
-def result(
-    folder: Path,
-    errors_mm: np.ndarray,
-    names: tuple[str, ...] = NAMES,
-    shift_m: float = 0.0,
-    **facts: object,
-) -> Result:
-    """A result of one method on flat hands that lie shift_m further away; facts: of its About."""
-    z_m, lines = REFERENCE_M + shift_m, []
-    for name, errors in zip(names, errors_mm, strict=True):
-        seen = error_map(AXIS_M, AXIS_M, z_m + 1e-3 * errors, z_m)
-        lines += [(name, "3fsk", "truth", "", 0, *each) for each in figures(seen).items()]
-        lines.append((name, "3fsk", "", "", 0, "seconds", 0.5))
-        write_surface(folder, name, "truth", SurfaceMap(AXIS_M, AXIS_M, z_m))
-    repeated_m = 0.3 + 1e-3 * np.random.default_rng(len(names)).normal(size=10)
-    lines += [("B", "3fsk", "", "", i, "strongest_z_m", z) for i, z in enumerate(repeated_m)]
-    known = {
-        "protocol": {"id": "paper", "version": 2, "compared": ["mae_mm", "observed_percent"]},
-        "metrics": metric_facts(),
-        "inputs": {},
-        "versions": {"handbench": "1"},
-        "machine": {},
-        "captures": tuple(CaptureFacts(name=n, references=("truth",)) for n in names),
-        "methods": (MethodFacts(name="3fsk", title="3-FSK", config={"B": {"step_m": 0.001}}),),
-    }
-    scores = frame(SCORES, lines)
-    table = main_table(scores, PAPER, 0, with_paper=False)
-    about = About(name="flat", **(known | facts))
-    config = 'name = "flat"\n[[method]]\nid = "3fsk"\n'
-    return Result(folder, about, table, frame(TASKS), scores, config)
 
 
 def line(compared: Compared, metric: str = "mae_mm") -> Any:
@@ -71,7 +28,7 @@ def line(compared: Compared, metric: str = "mae_mm") -> Any:
 
 
 def test_a_result_does_not_differ_from_itself(tmp_path):
-    a = result(tmp_path, speckle(0))
+    a = flat_result(tmp_path, speckle(0))
     compared = compare_results(a, a)
     means = compared.differences[compared.differences.capture == ""]
     assert means.metric.tolist() == [*FIRST, "observed_percent"]
@@ -87,13 +44,13 @@ def test_known_differences_are_found_with_their_size(tmp_path):
     """|e| and |e| + 1 mm at every pixel of the same captures: nothing is left to doubt (float64:
     1e-9 mm); and B misses a third of every capture, of which more is better."""
     errors_mm = np.abs(speckle(0))
-    a, b = result(tmp_path / "a", errors_mm), result(tmp_path / "b", errors_mm + 1)
+    a, b = flat_result(tmp_path / "a", errors_mm), flat_result(tmp_path / "b", errors_mm + 1)
     d, turned = line(compare_results(a, b)), line(compare_results(b, a))
     assert (d.difference, d.low, d.high) == pytest.approx((1, 1, 1), abs=1e-9)
     assert (d.better, d.paired, d.n_a, d.n_b) == ("A", True, 6, 6) and d.p_corrected < 1e-6
     assert turned.difference == pytest.approx(-1, abs=1e-9) and turned.better == "B"
     holed = np.where(np.arange(36)[:, None] < 12, np.nan, errors_mm)
-    d = line(compare_results(a, result(tmp_path / "c", holed)), "observed_percent")
+    d = line(compare_results(a, flat_result(tmp_path / "c", holed)), "observed_percent")
     assert d.difference == pytest.approx(-100 / 3, rel=1e-9)
     assert (d.better, d.high < 0) == ("A", True)
 
@@ -101,14 +58,13 @@ def test_known_differences_are_found_with_their_size(tmp_path):
 @pytest.mark.parametrize(("names", "shift_m"), [(tuple("GHIKLM"), 0.0), (NAMES, 2e-3)])
 def test_other_captures_are_two_samples(tmp_path, names, shift_m):
     """Other names, or the same names on a hand that lies 2 mm further away."""
-    a = result(tmp_path / "a", speckle(0))
-    compared = compare_results(a, result(tmp_path / "b", 3 * speckle(1), names, shift_m))
+    a = flat_result(tmp_path / "a", speckle(0))
+    compared = compare_results(a, flat_result(tmp_path / "b", 3 * speckle(1), names, shift_m))
     d = line(compared)
     assert not d.paired and d.better == "A" and d.low < d.difference < d.high
     captures = compared.differences[compared.differences.metric == "mae_mm"][1:]
-    sides = captures.set_index("capture")
-    assert sides.a.notna().sum() == sides.b.notna().sum() == 6
-    assert set(sides.index) == {*NAMES, *names}
+    assert captures.a.notna().sum() == captures.b.notna().sum() == 6
+    assert set(captures.capture) == {*NAMES, *names}
 
 
 @pytest.mark.parametrize(
@@ -118,7 +74,7 @@ def test_a_hand_is_the_same_where_nearly_the_same_is_seen_of_it(tmp_path, side, 
     """In either result rows of the reference may be unknown, a third at most of a few percent; and
     the captures that both have are compared."""
     count = {"a": 6, "b": 5}
-    found = {n: result(tmp_path / n, speckle(0)[-k:], NAMES[-k:]) for n, k in count.items()}
+    found = {n: flat_result(tmp_path / n, speckle(0)[-k:], NAMES[-k:]) for n, k in count.items()}
     fewer_m = np.where(np.arange(36)[:, None] < missing, np.nan, REFERENCE_M)
     for name in NAMES[1:]:
         surface = SurfaceMap(AXIS_M, AXIS_M, fewer_m)
@@ -134,7 +90,7 @@ def test_every_capture_has_its_figures_where_there_is_no_test(tmp_path, count):
     """|e| of 1 mm and more of 2 mm by one millimetre a capture; the mean of A, 1 mm, and of B."""
     flat_mm, names = np.ones((count, 36, 36)), NAMES[:count]
     worse_mm = flat_mm + 1 + np.arange(count)[:, None, None]
-    a, b = (result(tmp_path / k, e, names) for k, e in (("a", flat_mm), ("b", worse_mm)))
+    a, b = (flat_result(tmp_path / k, e, names) for k, e in (("a", flat_mm), ("b", worse_mm)))
     compared = compare_results(a, b)
     of_captures = compared.differences[compared.differences.capture != ""].set_index("metric")
     for metric in ("mae_mm", "max_mm"):
@@ -147,28 +103,25 @@ def test_every_capture_has_its_figures_where_there_is_no_test(tmp_path, count):
 
 def test_a_capture_without_figures_is_not_tested(tmp_path):
     """Of six captures one in which the method saw something, or none."""
-    a, lonely = result(tmp_path / "a", speckle(0)), np.full((6, 36, 36), np.nan)
-    none = result(tmp_path / "none", lonely)
+    a, lonely = flat_result(tmp_path / "a", speckle(0)), np.full((6, 36, 36), np.nan)
+    none = flat_result(tmp_path / "none", lonely)
     lonely[0] = 1.0
-    for other in (none, result(tmp_path / "one", lonely)):
+    for other in (none, flat_result(tmp_path / "one", lonely)):
         d = line(compare_results(a, other))
         assert np.isnan([d.p_corrected, d.low, d.high]).all() and d.untested and not d.better
 
 
-def changed(a: Result, **facts: object) -> Result:
-    return replace(a, about=a.about.model_copy(update=facts))
-
-
 def test_what_else_differs_is_named(tmp_path):
-    a = result(tmp_path, speckle(0), inputs={"B": "a" * 64, "F": "b" * 64})
+    a = flat_result(tmp_path, speckle(0), inputs={"B": "a" * 64, "F": "b" * 64})
     method = a.about.methods[0].model_copy(update={"config": {"B": {"step_m": 0.002}}})
-    b = changed(
-        replace(a, config='name = "flat"\n[[method]]\nid = "3fsk"\nprecision = true\n'),
-        versions={"handbench": "2"},
-        machine={"gemm_gflops": 50.0},
-        inputs={"B": "c" * 64, "F": "b" * 64},
-        methods=(method,),
-    )
+    about = {
+        "versions": {"handbench": "2"},
+        "machine": {"gemm_gflops": 50.0},
+        "inputs": {"B": "c" * 64, "F": "b" * 64},
+        "methods": (method,),
+    }
+    config = f"{a.config}precision = true\n"
+    b = replace(a, about=a.about.model_copy(update=about), config=config)
     assert sorted(compare_results(a, b).changes.itertuples(index=False, name=None)) == [
         ("configuration", "method.3fsk.precision", "", "True"),
         ("input", "B", "a" * 12, "c" * 12),
@@ -179,7 +132,7 @@ def test_what_else_differs_is_named(tmp_path):
 
 
 def test_times_are_those_of_the_table_and_not_tested(tmp_path):
-    a = result(tmp_path, speckle(0))
+    a = flat_result(tmp_path, speckle(0))
     slower = a.table.assign(low=1.2, value=1.5, high=1.9)
     time = line(compare_results(a, replace(a, table=slower)), "seconds")
     ends = time.a, time.a_low, time.a_high, time.b, time.b_low, time.b_high
@@ -187,15 +140,14 @@ def test_times_are_those_of_the_table_and_not_tested(tmp_path):
     assert time.untested and time.better == ""
 
 
-def test_refuses_what_does_not_compare(tmp_path):
-    a = result(tmp_path, speckle(0))
-    metrics = dict(a.about.metrics)
-    metrics["mae_mm"] = metrics["mae_mm"].model_copy(update={"definition": "median"})
-    for facts in (
-        {"protocol": {"id": "paper", "version": 3}},
-        {"metrics": metrics},
-        {"methods": ()},
-        {"captures": ()},
+def test_what_does_not_compare_is_refused(tmp_path):
+    a = flat_result(tmp_path, speckle(0))
+    median = a.about.metrics["mae_mm"].model_copy(update={"definition": "median"})
+    for facts, place in (
+        ({"protocol": {"id": "paper", "version": 3}}, "protocol"),
+        ({"metrics": a.about.metrics | {"mae_mm": median}}, "mae_mm"),
+        ({"methods": ()}, "method"),
+        ({"captures": ()}, "reference"),
     ):
-        with pytest.raises(HandbenchError):
-            compare_results(a, changed(a, **facts))
+        b = replace(a, about=a.about.model_copy(update=facts))
+        refuse(lambda b=b: compare_results(a, b), str(tmp_path), place)
