@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "interface": BELOW_CLI,  # and reports and cli, inside functions
 }
 ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen in one place
+    "numba": "handbench/support/compiled.py",
     "open3d": "handbench/support/rays.py",
     "pycolmap": "groundtruth/cameras/cameras.py",
     "pymeshlab": "bench/scenes/implicit.py",  # under the GPL, see the README
@@ -82,6 +83,8 @@ def test_imports_follow_the_table(package):
                 wrong.append(f"{file} imports {full_name}, a second copy of handbench.{full_name}")
             if top in ONE_DOOR and file.as_posix() != ONE_DOOR[top]:
                 wrong.append(f"{file} imports {top}; only {ONE_DOOR[top]} may")
+            if name.startswith("scipy.stats") and not lazy:
+                wrong.append(f"{file} imports scipy.stats, which takes a second, at its top")
             if name.startswith(STUDIES) and not module_of(file).startswith(STUDIES):
                 wrong.append(f"{file} imports a study")
     assert files and wrong == []

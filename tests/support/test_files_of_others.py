@@ -6,6 +6,7 @@ import os
 import sys
 import tempfile
 import unicodedata
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -18,9 +19,9 @@ from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.radar.data.arrays import load_positions
 from handbench.support.config import checked_name, read_toml
-from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_json, write_text
 from handbench.support.hdf5 import attribute
+from tests.refusals import refuse, refuse_command
 
 CSV = "x_m,y_m,z_m\n0.5,0,0\n-0.5,0,0.25\n"
 OBJ = "v 0 0 0.5\nv 1 0 0.5\nv 0 1 0.5\nf 1 2 3\n"
@@ -28,46 +29,23 @@ COMPOSED = unicodedata.normalize("NFC", "Prüfkörper")
 TAKEN_APART = unicodedata.normalize("NFD", COMPOSED)
 
 
-def toml(path):
-    return read_toml(path, "a table")
-
-
-def json(path):
-    return read_json(path, "an object")
-
-
 @pytest.mark.parametrize(
-    ("read", "name", "content"),
+    ("read", "plain", "marked"),
     [
-        (toml, "a.toml", b"\xef\xbb\xbfa = 1\r\n"),
-        (json, "a.json", b'\xef\xbb\xbf{"a": 1}'),
-        (load_positions, "a.csv", f"\ufeff{CSV}".encode()),
-        (load_positions, "a.csv", CSV.replace(",", ", ").encode()),
-        (load_positions, "a.csv", CSV.replace("\n", "\r").encode()),
-        (read_triangles, "a.obj", OBJ.replace("\n", "\r").encode()),
+        (partial(read_toml, what="a table"), "a = 1\n", "\ufeffa = 1\r\n"),
+        (partial(read_json, what="an object"), '{"a": 1}', '\ufeff{"a": 1}'),
+        (load_positions, CSV, f"\ufeff{CSV}"),
+        (load_positions, CSV, CSV.replace(",", ", ")),
+        (load_positions, CSV, CSV.replace("\n", "\r")),
+        (read_triangles, OBJ, OBJ.replace("\n", "\r")),
     ],
 )
-def test_marks_and_ends_of_lines_change_nothing(tmp_path, read, name, content):
-    (tmp_path / name).write_bytes(content)
-    found = read(tmp_path / name)
-    assert len(found[0] if isinstance(found, tuple) else found) in (1, 2, 3)
-
-
-@pytest.mark.parametrize(
-    ("read", "name", "content", "words"),
-    [
-        (load_positions, "a.csv", CSV.replace(",", ";").encode(), "separated by commas"),
-        (load_positions, "a.csv", CSV.encode("utf-16"), "utf-8"),
-        (toml, "a.toml", b"a = 1\nb = 0,3\n", "'b = 0,3'"),
-        (toml, "a.toml", b"a = 1\nb = '\xfc'", "utf-8"),
-        (json, "a.json", b'{"a": 1,\n"b": 0,3}', '"b": 0,3}'),
-    ],
-)
-def test_the_place_of_a_fault_in_a_text_is_shown(tmp_path, read, name, content, words):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(HandbenchError) as caught:
-        read(tmp_path / name)
-    assert words in str(caught.value) and name in str(caught.value)
+def test_marks_and_ends_of_lines_change_nothing(tmp_path, read, plain, marked):
+    contents = []
+    for text in (plain, marked):
+        (tmp_path / "a.obj").write_bytes(text.encode())
+        contents.append(read(tmp_path / "a.obj"))
+    assert repr(contents[0]) == repr(contents[1])
 
 
 @pytest.mark.parametrize("value", [3, np.bytes_(b"text")])
@@ -98,9 +76,8 @@ def test_a_file_is_found_by_either_form_of_its_name(stored, tmp_path):
     for asked in (COMPOSED, TAKEN_APART):
         assert inside(tmp_path, asked, "maps") == (tmp_path / stored).resolve()
         assert checked_name(asked) == COMPOSED
-    for name in (f"../{stored}", "a/" * 600, "a" * 300, "a\0b"):
-        with pytest.raises(HandbenchError, match="maps: "):
-            inside(tmp_path, name, "maps")
+    for name in ("a/" * 600, "a" * 300, "a\0b"):
+        refuse(lambda name=name: inside(tmp_path, name, "maps"), "maps: ")
 
 
 def test_a_file_system_without_permissions_takes_files(tmp_path, monkeypatch):
@@ -119,12 +96,13 @@ def test_a_latin_1_terminal_shows_help(monkeypatch):
     assert b"3fsk" in terminal.buffer.getvalue()
 
 
-def test_no_folder_for_temporary_files_is_one_line(tmp_path, monkeypatch, capsys):
+def test_no_folder_for_temporary_files_is_one_line(tmp_path, monkeypatch):
     def missing(*_, **__):
         raise FileNotFoundError(errno.ENOENT, "No usable temporary directory found in ['/tmp']")
 
     photos = photographs(tmp_path / "p", ["a.png", "b.png", "c.png"])
     monkeypatch.setattr(tempfile, "mkdtemp", missing)
     monkeypatch.setattr(tempfile, "gettempdir", missing)
-    assert main(["groundtruth", str(photos), "-o", str(tmp_path / "m.ply"), "--unscaled"]) == 2
-    assert "set TMPDIR" in capsys.readouterr().err.splitlines()[-1]
+    refuse_command(
+        ["groundtruth", str(photos), "-o", str(tmp_path / "m.ply"), "--unscaled"], "TMPDIR"
+    )

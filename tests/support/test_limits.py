@@ -13,9 +13,9 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support import limits
 from handbench.support.config import read_toml
-from handbench.support.errors import HandbenchError
 from handbench.support.files import read_bytes, read_json, read_npz, write_npz
 from handbench.support.pictures import open_picture
+from tests.refusals import refuse
 
 
 def read_keys(path):
@@ -50,8 +50,7 @@ def test_a_text_at_the_limit_is_read_and_one_beyond_is_refused(tmp_path, read, r
     (tmp_path / "a").write_text(right)
     read(tmp_path / "a")
     (tmp_path / "a").write_text(wrong)
-    with pytest.raises(HandbenchError, match="a: "):
-        read(tmp_path / "a")
+    refuse(lambda: read(tmp_path / "a"), str(tmp_path / "a"))
 
 
 def test_an_archive_has_so_many_members(tmp_path):
@@ -62,8 +61,7 @@ def test_an_archive_has_so_many_members(tmp_path):
     assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("one more", b"")
-    with pytest.raises(HandbenchError, match="more than 1000 arrays"):
-        read_npz(tmp_path / "a.npz", ("x",))
+    refuse(lambda: read_npz(tmp_path / "a.npz", ("x",)), "a.npz", str(limits.MOST_MEMBERS))
 
 
 @pytest.mark.parametrize("size, fits", [(64, True), (2**26, False)])
@@ -78,12 +76,10 @@ def test_pieces_that_unpack_to_more_than_they_are_are_refused(tmp_path, size, fi
     if fits:
         assert not load_capture(path).samples.any()
         return
-    with pytest.raises(HandbenchError, match="a chunk of 'samples'"):
-        load_capture(path)
+    refuse(lambda: load_capture(path), str(path), "'samples'")
 
 
 def test_what_has_no_end_is_not_waited_for(tmp_path):
     assert read_bytes("/proc/self/maps", "text", 2**20) == b""  # its size says so
     os.mkfifo(tmp_path / "a.png")
-    with pytest.raises(HandbenchError, match=r"a\.png"), open_picture(tmp_path / "a.png"):
-        pass
+    refuse(lambda: open_picture(tmp_path / "a.png").__enter__(), "a.png")
