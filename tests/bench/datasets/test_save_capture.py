@@ -42,9 +42,7 @@ def test_pairs_and_a_scan(tmp_path):
     [
         ({"rx_m": None}, "rx_m"),
         ({"position_m": RX_M}, "position_m"),
-        ({"samples": SAMPLES[0]}, "samples"),
         ({"tx_m": TX_M[:, :2]}, "tx_m"),
-        ({"pairs": [[0, 9]], "samples": SAMPLES[..., 0, :1]}, "pairs"),
         ({"distance_mm": 300}, "distance_mm"),
         ({"folder": "."}, "exists"),
     ],

@@ -15,8 +15,7 @@ COARSE_M = 6e-3  # enough for shape and topology
 
 
 def test_mesh_is_sound() -> None:
-    """It does not cross itself, and has a hand's volume with its 38 mm of forearm; half of its
-    edges are below 6° and nine tenths below 15°: three times what they are in scenes."""
+    """It does not cross itself, and has a hand's volume with its 38 mm of forearm."""
     import pymeshlab
 
     vertices_m, faces = one_body(POSES["B"], EDGE_M)
@@ -28,20 +27,8 @@ def test_mesh_is_sound() -> None:
     edges_m = np.linalg.norm(vertices_m[faces] - vertices_m[np.roll(faces, 1, axis=1)], axis=2)
     assert edges_m.mean() == pytest.approx(EDGE_M, rel=0.05) and edges_m.max() < 2 * EDGE_M
     assert triangle_quality(vertices_m[faces]).min() > 0.2
-    middle_deg, ninth_deg = np.percentile(facet_angles_deg(vertices_m, faces), [50, 90])
-    assert middle_deg < 6 and ninth_deg < 15
     marks = marked_skin(POSES["B"], 3)(vertices_m) / skin(vertices_m, 3)
     assert np.isfinite(marks).all() and marks.min() > 0.4 and (marks < 0.9).sum() > 20
-
-
-def facet_angles_deg(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """For each edge of a closed mesh the angle between the normals of its two facets."""
-    a, b, c = vertices_m[faces].swapaxes(0, 1)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    first, second = np.lexsort(edges.T).reshape(-1, 2).T // 3
-    return np.degrees(np.arccos(np.minimum((normals[first] * normals[second]).sum(axis=1), 1)))
 
 
 @pytest.mark.parametrize("name", "BFUSX")  # the paper's, and those of the narrowest grooves
