@@ -17,9 +17,7 @@ from handbench.bench.datasets.maroon_frame import KEYS, read_numbers
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.score import reference_of_file
-from handbench.bench.results.result_folder import load
 from handbench.bench.stages.reconstruct import Imager
-from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.depthmap import DepthMap
@@ -279,22 +277,3 @@ def test_the_paper_s_methods_image_their_128_tones(tmp_path):
     for id, bound_m in MAE_M.items():
         [depth] = Imager(path, id, {}).images().depths
         assert np.nanmean(np.abs(depth.z_m - plane_m(depth.x_m))) < bound_m, id
-
-
-BENCH = """
-version = 1
-name = "maroon"
-[[dataset]]
-path = "maroon"
-[[method]]
-id = "3fsk"
-"""
-
-
-@pytest.mark.slow
-def test_from_their_folder_to_the_table(mine, tmp_path, monkeypatch):
-    monkeypatch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
-    (tmp_path / "b.toml").write_text(BENCH)
-    assert main(["run", str(tmp_path / "b.toml"), "-o", str(tmp_path / "out")]) == 0
-    table = load(tmp_path / "out").table.query("metric == 'mae_mm'").set_index("method")
-    assert table.value["3fsk"] < 0.5

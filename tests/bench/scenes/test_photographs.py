@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from handbench.bench.scenes.build import Scene, build
-from handbench.bench.scenes.photographs import Studio, photo_effects, ray_directions
+from handbench.bench.scenes.photographs import Studio, ray_directions
 from handbench.bench.scenes.scene_file import Photos, SceneFile
 from handbench.bench.scenes.stand import stand_board
 from handbench.support.config import parse
@@ -66,8 +66,3 @@ def test_noise_has_the_stated_level(scene: Scene, studio: Studio) -> None:
     assert grey.sum() > 500
     expected = 255 * 1.075 * np.sqrt(0.216 / 2000)
     assert (noisy - clean)[grey].std() == pytest.approx(expected, rel=0.1)
-
-
-def test_effects_are_on_where_a_key_causes_them() -> None:
-    rows = {row.effect: row.on for row in photo_effects(Photos(blur_px=0.0))}
-    assert rows == {"photos.blur": False, "photos.noise": True}

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from handbench.bench.datasets.simulated import simulate_capture, write_photos
 from handbench.bench.scenes.build import Scene, build
@@ -33,7 +34,6 @@ def built(target: dict, folder: Path | str = ".", **values: object) -> Scene:
     [
         ({"kind": "hand", "pose": "J"}, {}, "target.pose"),
         (HAND | {"motion": {"pose": "F"}}, {}, "duration_s"),
-        (BALL | {"motion": {"pose": "F"}}, {}, "target.motion.pose"),
         (BALL | {"motion": {"direction": [0, 0, 0]}}, {}, "direction"),
         (BALL, {"sensor": {"frame_period_s": 0.1}}, "0.128 s"),
         (BALL, {"sensor": {"sweep": []}}, "tones_hz"),
@@ -111,7 +111,6 @@ def test_mesh_target_from_a_file_in_millimetres(tmp_path: Path) -> None:
 )
 def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> None:
     surface = built(target | {"edge_m": 2e-3, "distance_m": 0.3}).target_mesh
-    assert np.asarray(surface.vertices).mean(axis=0)[:2] == pytest.approx([0, 0], abs=1e-3)
     assert surface.get_max_bound() - surface.get_min_bound() == pytest.approx(size_m, rel=0.01)
     corners_m = np.asarray(surface.vertices)[np.asarray(surface.triangles)] - [0, 0, 0.3]
     flux = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
@@ -121,7 +120,8 @@ def test_shapes_are_closed_and_have_their_size(target: dict, size_m: tuple) -> N
 
 def test_capture_folder(tmp_path: Path) -> None:
     scene = built(BALL, photos={"cameras": 2, "width": 300, "height": 200}, seed=4)
-    write_photos(scene, tmp_path)
+    rows = {row.effect: row.on for row in write_photos(scene, tmp_path)}
+    assert rows == {"photos.blur": True, "photos.noise": True}
     content = tomllib.loads((tmp_path / "capture.toml").read_text())
     assert (content["kind"], content["units"], content["version"]) == ("other", "m", 1)
     assert all((tmp_path / name).exists() for name in content["contains"])
@@ -152,8 +152,6 @@ def test_a_moving_target_has_one_truth_a_frame_with_velocities(
 ) -> None:
     motion = {"rotation_deg_s": [0.0, 0.0, 90.0], "velocity_m_s": 0.1, "direction": [1, 0, 0]}
     scene, folder = simulated(target | {"motion": motion}, tmp_path, "motion"), tmp_path / "out"
-    content = tomllib.loads((folder / "capture.toml").read_text())
-    assert {"truth", "truth.ply"} <= set(content["contains"])
     assert (folder / "truth.ply").read_bytes() == (folder / "truth/000.ply").read_bytes()
     assert len(list((folder / "truth").iterdir())) == 2
     capture = load_capture(folder / "echoes.h5")
@@ -161,8 +159,8 @@ def test_a_moving_target_has_one_truth_a_frame_with_velocities(
     assert capture.frame_times_s == pytest.approx([0, 0.1])
     if target == TARGET:
         assert load_target(folder / "target.toml") == scene.target
-    pivot_m, c, s = scene.radar_from_target.matrix[:3, 3], np.cos(np.pi / 20), np.sin(np.pi / 20)
-    turns = np.eye(3), np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    pivot_m = scene.radar_from_target.matrix[:3, 3]
+    turns = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 20]]).as_matrix()
     for frame, turn in enumerate(turns):
         vertices_m, faces, more = read_triangles(folder / f"truth/{frame:03}.ply")
         around_m = (np.asarray(scene.target_mesh.vertices) - pivot_m) @ turn.T
