@@ -11,6 +11,7 @@ from handbench.bench.scenes.bones import person_pose
 from handbench.bench.scenes.hand_pose import POSES, Pose, between
 from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
+from handbench.radar.data.grid import Sweep
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
 from handbench.radar.simulation.scene import Material
@@ -174,14 +175,6 @@ AnyTarget = (
 )
 
 
-class Sweep(Config):
-    """A sweep: `count` evenly spaced tones from start_hz to stop_hz, both included."""
-
-    start_hz: Tone
-    stop_hz: Tone
-    count: int = Field(ge=1, le=100_000)
-
-
 class Sensor(SensorFaults):
     """The radar.
 
@@ -193,7 +186,7 @@ class Sensor(SensorFaults):
     """
 
     array: str = BUILT_IN_ARRAY
-    sweep: tuple[Sweep, ...] = (Sweep(start_hz=72e9, stop_hz=82e9, count=128),)
+    sweep: tuple[Sweep, ...] = (Sweep(),)
     tones_hz: tuple[Tone, ...] = ()
     step_time_s: float = Field(default=1e-3, ge=0, le=100)
     frame_period_s: float | None = Field(default=None, gt=0, le=1e4)
@@ -221,9 +214,7 @@ class Sensor(SensorFaults):
     @property
     def frequencies_hz(self) -> np.ndarray:
         """All frequencies [n] in Hz, in the order in which they are measured."""
-        return np.concatenate(
-            [*(np.linspace(s.start_hz, s.stop_hz, s.count) for s in self.sweep), self.tones_hz]
-        )
+        return np.concatenate([*(sweep.frequencies_hz for sweep in self.sweep), self.tones_hz])
 
 
 class Photos(Config):

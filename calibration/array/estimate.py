@@ -22,8 +22,8 @@ import numpy as np
 
 from handbench.calibration.array.array_file import ArrayCalibration
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Target, match
-from handbench.calibration.spheres.radar_detection import DetectedBall, find_balls, mimo_array
+from handbench.calibration.spheres.description import Candidate, Target, match
+from handbench.calibration.spheres.radar_detection import find_balls, mimo_array
 from handbench.calibration.transforms import umeyama
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
@@ -67,7 +67,7 @@ def estimate_array(
     return _fit_responses(mean, target, _placed(target, balls), source)
 
 
-def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict[int, DetectedBall]:
+def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict[int, Candidate]:
     """Fit the target's balls to calibrated echoes. Raises HandbenchError if these show another
     thing as strong as a ball, or a ball that is not at its described place."""
     echoes = find_balls(calibrated, target, THRESHOLD_DB)
@@ -75,7 +75,7 @@ def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict
     for other in echoes:
         if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
             raise HandbenchError(
-                f"{source}: something at {np.round(other.peak_m, 3)} m echoes as strongly as a "
+                f"{source}: something at {np.round(other.centre_m, 3)} m echoes as strongly as a "
                 "ball; remove it from the view, and check the description of the target"
             )
     balls = fit_balls(calibrated, target, balls, echoes)
@@ -91,7 +91,7 @@ def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict
     return balls
 
 
-def _placed(target: Target, balls: Mapping[int, DetectedBall]) -> np.ndarray:
+def _placed(target: Target, balls: Mapping[int, Candidate]) -> np.ndarray:
     """Return the centres [i, 3] of all balls as described, moved by the rigid motion that fits the
     measured ones best."""
     described_m = target.centres_m + target.ball_offsets_m

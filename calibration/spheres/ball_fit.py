@@ -14,9 +14,9 @@ from itertools import combinations, product
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from handbench.calibration.spheres.description import Target
+from handbench.calibration.spheres.description import Candidate, Target
 from handbench.calibration.spheres.echo_fit import fit_places, specular_echo, with_derivatives
-from handbench.calibration.spheres.radar_detection import DetectedBall, mimo_array
+from handbench.calibration.spheres.radar_detection import mimo_array
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.cpu.exact import exact_images
 from handbench.radar.simulation.physics.spheres import sphere_echo
@@ -31,9 +31,9 @@ OUTSIDE = 1.5  # radii of a foam sphere beyond which an echo is not the element'
 def fit_balls(
     capture: RadarCapture,
     target: Target,
-    balls: Mapping[int, DetectedBall],
-    others: Sequence[DetectedBall] = (),
-) -> dict[int, DetectedBall]:
+    balls: Mapping[int, Candidate],
+    others: Sequence[Candidate] = (),
+) -> dict[int, Candidate]:
     """Fit the centres of the target's balls to the echoes: the balls with new centres and
     covariances, by element index.
 

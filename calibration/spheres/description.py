@@ -9,7 +9,6 @@ by their distances; an ambiguous match is an error.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from pydantic import Field
@@ -69,15 +68,16 @@ class Target(Config):
 @dataclass(frozen=True)
 class Candidate:
     """An object detected by one sensor that may be an element of the target: its centre_m [3],
-    covariance_m2 [3, 3], and the indices of the elements that have its size."""
+    covariance_m2 [3, 3], and the indices of the elements that have its size. peak_m [3]: the point
+    of a ball's surface from which its echo comes (None: seen in photographs)."""
 
     centre_m: np.ndarray
     covariance_m2: np.ndarray
     elements: tuple[int, ...]
+    peak_m: np.ndarray | None = None
 
 
 Assignment = dict[int, int]  # element → candidate
-CandidateT = TypeVar("CandidateT", bound=Candidate)
 
 
 def default_target() -> Target:
@@ -98,7 +98,7 @@ def load_target(path: str | Path) -> Target:
     return load(Target, path, "a calibration target description")
 
 
-def match(candidates: Sequence[CandidateT], target: Target, sensor: str) -> dict[int, CandidateT]:
+def match(candidates: Sequence[Candidate], target: Target, sensor: str) -> dict[int, Candidate]:
     """Find which detected object (candidate) is which element of the target: the matched candidates
     by element index. They are the largest set that a rigid motion without reflection maps to the
     target's elements.

@@ -6,7 +6,6 @@ echoes are fitted to the samples together, so that side lobes are not mistaken f
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -34,17 +33,9 @@ STEPS = 2  # of the fit after each new echo
 FARTHEST_M = 0.01  # a maximum from which the fit moves farther is no echo
 
 
-@dataclass(frozen=True)
-class DetectedBall(Candidate):
-    """A steel ball detected by the radar. peak_m [3]: the point of its surface from which the echo
-    comes."""
-
-    peak_m: np.ndarray
-
-
 def find_balls(
     capture: RadarCapture, target: Target, threshold_db: float = THRESHOLD_DB
-) -> list[DetectedBall]:
+) -> list[Candidate]:
     """Find all echoes in a capture's first frame that may be the target's balls, the strongest
     first. Their centres are first guesses for `fit_balls`.
 
@@ -63,7 +54,7 @@ def find_balls(
         peak_m = centres_m[i] - radius_m * away
         for element, delay_m in enumerate(target.foam_delay_m):
             centre_m = peak_m + (target.element[element].ball_radius_m - delay_m) * away
-            balls.append(DetectedBall(centre_m, np.eye(3), (element,), peak_m))
+            balls.append(Candidate(centre_m, np.eye(3), (element,), peak_m))
     return balls
 
 

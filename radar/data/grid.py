@@ -1,4 +1,4 @@
-"""Pixel and voxel grids: regular axes in the radar frame, metres."""
+"""Regular axes: tones, and pixel and voxel grids in the radar frame, metres."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,23 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from handbench.radar.data.arrays import positions
-from handbench.support.config import Config, Near
+from handbench.support.config import Config, Near, Tone
 from handbench.support.errors import HandbenchError
 
 MOST_ON_AXIS = 2_000  # samples, which take up to 20 s and 0.2 GB to plan
+
+
+class Sweep(Config):
+    """`count` evenly spaced tones from start_hz to stop_hz, both included."""
+
+    start_hz: Tone = 72e9
+    stop_hz: Tone = 82e9
+    count: int = Field(default=128, ge=1, le=100_000)
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """The tones [count], hertz."""
+        return np.linspace(self.start_hz, self.stop_hz, self.count)
 
 
 class Axis(Config):
@@ -118,11 +131,6 @@ class VoxelGrid:
             np.array([axis[i] for axis in (self.x_m, self.y_m, self.z_m)]) for i in (0, -1)
         )
         return first, last
-
-    @property
-    def pixels(self) -> PixelGrid:
-        """The pixels at the grid's x_m and y_m, for maps with one value per line along z."""
-        return PixelGrid(self.x_m, self.y_m)
 
     def points_at_m(self, index: np.ndarray) -> np.ndarray:
         """Return the centres [n, 3] of the voxels with flat indices [n], metres."""

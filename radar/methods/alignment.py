@@ -31,12 +31,13 @@ from pydantic import Field, field_validator
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
+from handbench.radar.data.grid import Sweep
 from handbench.radar.methods.backprojection import Backprojection, backprojection
 from handbench.radar.methods.depth_uncertainty import WRAP_PROBABILITY, doubtful_on_plane, speckle_m
 from handbench.radar.methods.doppler import SAME, with_velocity
 from handbench.radar.methods.fsk import Fsk, FskEchoes
 from handbench.radar.methods.pixels import masked_mean, path_gradient_z
-from handbench.radar.methods.settings import OddPixels, Sweep
+from handbench.radar.methods.settings import OddPixels
 from handbench.support.config import Tone
 
 STEPS = 16  # per range cell, of the search

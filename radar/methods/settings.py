@@ -8,7 +8,7 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from handbench.radar.data.grid import MOST_ON_AXIS, Axis, PixelGrid
+from handbench.radar.data.grid import MOST_ON_AXIS, Axis, PixelGrid, Sweep
 from handbench.support.config import Config, Tone
 
 MOST_VOXELS = 200_000_000  # 200 times the paper's; 1.6 GB
@@ -26,14 +26,6 @@ def _odd(size_px: int) -> int:
 
 Depth = Annotated[float, Field(gt=0, le=100)]  # metres
 OddPixels = Annotated[int, AfterValidator(_odd)]
-
-
-class Sweep(Config):
-    """`count` evenly spaced tones from start_hz to stop_hz, both included."""
-
-    start_hz: Tone = 72e9
-    stop_hz: Tone = 82e9
-    count: int = Field(default=128, ge=2, le=100_000)
 
 
 class MethodSettings(Config):
@@ -67,7 +59,7 @@ class MethodSettings(Config):
     def frequencies_hz(self) -> np.ndarray:
         """The tones [f], hertz."""
         if isinstance(sweep := self.tones_hz, Sweep):
-            return np.linspace(sweep.start_hz, sweep.stop_hz, sweep.count)
+            return sweep.frequencies_hz
         return np.array(self.tones_hz)
 
     @property

@@ -17,9 +17,14 @@ from scipy.stats import chi2
 
 from handbench.calibration.registration.rigid_fit import GROSS
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Element, Target, default_target, match
+from handbench.calibration.spheres.description import (
+    Candidate,
+    Element,
+    Target,
+    default_target,
+    match,
+)
 from handbench.calibration.spheres.optical_detection import find_spheres, fit_sphere
-from handbench.calibration.spheres.radar_detection import DetectedBall
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
@@ -172,7 +177,7 @@ def fitted(gap_m, noise, off_m):
     level = np.sqrt(noise * np.mean(np.abs(samples) ** 2) / 2)
     white = rng.standard_normal((2, *samples.shape))
     taken = capture(samples + level * (white[0] + 1j * white[1]), TONES_HZ)
-    seeds = {i: DetectedBall(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
+    seeds = {i: Candidate(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
     balls = fit_balls(taken, target, seeds)
     return [(ball.centre_m - centres_m[i], ball.covariance_m2) for i, ball in balls.items()]
 

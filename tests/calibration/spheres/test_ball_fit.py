@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import Target
-from handbench.calibration.spheres.radar_detection import DetectedBall
+from handbench.calibration.spheres.description import Candidate, Target
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.physics.spheres import sphere_echo
@@ -34,9 +33,9 @@ def echoes(target: Target, centres_m: np.ndarray, array: AntennaArray = ARRAY) -
     return samples
 
 
-def seeds(centres_m: np.ndarray, off_m: float = 3e-4) -> dict[int, DetectedBall]:
+def seeds(centres_m: np.ndarray, off_m: float = 3e-4) -> dict[int, Candidate]:
     """Balls as recognised in the image, off_m from their places along each axis."""
-    return {i: DetectedBall(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
+    return {i: Candidate(c + off_m, np.eye(3), (i,), c) for i, c in enumerate(centres_m)}
 
 
 def captured(samples: np.ndarray, array: AntennaArray = ARRAY) -> RadarCapture:
@@ -76,7 +75,7 @@ def test_a_neighbour_that_is_no_ball_of_the_target_pulls_little(rng, target, pla
     samples += noise(rng, samples.shape, np.mean(np.abs(samples) ** 2))
     beside_m = placed[0] - [0.07, 0.0, 0.0]
     clutter = sphere_echo(beside_m, 0.02, 0.0, TONES_HZ, WHOLE)
-    peak = DetectedBall(beside_m, np.eye(3), (0,), beside_m * (1 - 0.02 / np.linalg.norm(beside_m)))
+    peak = Candidate(beside_m, np.eye(3), (0,), beside_m * (1 - 0.02 / np.linalg.norm(beside_m)))
     calm = fit_balls(captured(samples, WHOLE), target, seeds(placed, 1e-4))
     found = fit_balls(captured(samples + clutter, WHOLE), target, seeds(placed, 1e-4), [peak])
     for i, ball in found.items():
