@@ -70,7 +70,7 @@ def scan_moves_m(aperture: Aperture) -> np.ndarray:
     the same vector from transmitter to receiver are one element at several stops. Raises
     HandbenchError for an array."""
     if isinstance(aperture, AntennaArray):
-        raise HandbenchError("scan_step: is of an array that does not move; remove it")
+        raise HandbenchError("scan_step: an array that does not move has none; leave it out")
     element = voxels(aperture.rx_m - aperture.tx_m, SAME_M, 0.5)
     return aperture.tx_m - mean_by(element, aperture.tx_m)[element]
 
@@ -95,8 +95,8 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
     live = np.flatnonzero(samples.any(axis=0))
     if len(unknown) != 1 or np.ptp(tones_hz) == 0 or len(live) == 0:
         raise HandbenchError(
-            f"unknown: is {list(unknown)}; expected range_offset or scan_step in capture.toml, and "
-            "echoes of several tones"
+            f"unknown: is {list(unknown)}, of {len(live)} channels with echoes; expected one of "
+            "range_offset and scan_step in capture.toml, and echoes of several tones"
         )
     stretched = "scan_step" in unknown
     tones, some = (np.random.default_rng(0).permutation(n)[:MOST] for n in (len(tones_hz), live))

@@ -4,7 +4,7 @@ points, and their files."""
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BeforeValidator, Field
@@ -17,9 +17,16 @@ from handbench.support.files import read_json, write_json
 LARGEST_M = 1e7
 
 
+def _in_one_row(rows: Any) -> Any:
+    """Return the numbers of several rows as one list."""
+    try:
+        return np.ravel(rows).tolist()
+    except ValueError:
+        raise ValueError("its rows should be of one length") from None
+
+
 Numbers = Annotated[  # also in rows
-    tuple[Annotated[float, Field(gt=-LARGEST_M, lt=LARGEST_M)], ...],
-    BeforeValidator(lambda rows: np.ravel(rows).tolist()),
+    tuple[Annotated[float, Field(gt=-LARGEST_M, lt=LARGEST_M)], ...], BeforeValidator(_in_one_row)
 ]
 Matrix = Annotated[Numbers, Field(min_length=16, max_length=16)]  # 4×4, row by row
 Covariance = Annotated[Numbers, Field(min_length=36, max_length=36)]  # 6×6

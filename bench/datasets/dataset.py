@@ -154,10 +154,9 @@ def import_capture(kind: str, path: Path, folder: Path, /, **settings: Any) -> N
         raise HandbenchError(f"--set: the data set '{kind}' has no settings; leave --set out")
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
-        raise HandbenchError(
-            f"{path}: is not a capture of '{kind}' but of {type(capture).__name__}; use the "
-            "import for this kind"
-        )
+        own = [name for name, kept in FOREIGN.items() if isinstance(capture, kept)]
+        cure = f"use `handbench import {own[0]}`" if own else "every command reads it as it is"
+        raise HandbenchError(f"{path}: is not a capture of '{kind}'; {cure}")
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())

@@ -59,12 +59,15 @@ class MappedCapture(NativeCapture):
 
         try:
             return _mapped(read, mapping)
-        except (HandbenchError, ValueError) as error:  # NumPy's: lengths that do not fit together
+        except HandbenchError as error:
             if str(error).startswith(f"{self.folder}/"):  # about one of the files
                 raise
+            text = str(error).removeprefix(f"{MAPPING}: ")
+            raise HandbenchError(f"{self.folder / MAPPING}: {text}") from None
+        except ValueError as error:
             raise HandbenchError(
-                f"{self.folder / MAPPING}: {error}; correct mapping.toml, in which each table of "
-                "several rows needs an axis"
+                f"{self.folder / MAPPING}: its tables do not fit together ({error}); give each "
+                "table of several rows an axis in samples.axes"
             ) from None
 
 

@@ -232,8 +232,8 @@ def _read_cfg(path: Path) -> dict[str, Any]:
         return _fields(lines)
     except (ValueError, LookupError, OverflowError) as error:
         raise HandbenchError(
-            f"{path}: is not a chirp profile that handbench reads ({error}); expected "
-            f"{', '.join(COMMANDS)} as they were sent to the radar"
+            f"{path}: is not a chirp profile that handbench reads ({error}); expected the commands "
+            "as they were sent to the radar"
         ) from None
 
 
@@ -241,6 +241,8 @@ def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
     """Return the fields of a `ChirpProfile`. lines: command → the numbers of each of its lines.
     Raises ValueError for a mode that handbench cannot read, and LookupError where a number
     misses."""
+    if missing := [name for name in COMMANDS if name not in lines]:
+        raise ValueError(f"it has no {missing[0]}")
     mode, stream, buffer, receivers, adc, frame = (lines[name][-1] for name in COMMANDS[:6])
     first, final = map(int, frame[:2])
     chirps = [

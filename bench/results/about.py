@@ -42,8 +42,8 @@ def name_problem(name: str, own: str = "") -> str:
     other = _meanings().get(folded(name), own)
     if other == own and other not in REFERENCES:
         return ""
-    sort = "reference" if other in REFERENCES else "method of handbench"
-    return f"'{name}' has the same meaning as '{other}', a {sort}; choose another name"
+    sort = "the reference" if other in REFERENCES else "handbench's method"
+    return f"the name '{name}' reads as {sort} '{other}'; choose another name"
 
 
 class MetricFacts(Config):

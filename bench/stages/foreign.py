@@ -198,8 +198,9 @@ def _run(command: list[str], folder: str, limit_s: float) -> float:
         finally:
             child.wait()
         if code != 0:
+            end = f"with exit code {code}" if code > 0 else f"by signal {-code}"
             raise HandbenchError(
-                f"the command ended with exit code {code}; its last line: {_last_line(output)}"
+                f"the command was ended {end}; correct it; its last line: {_last_line(output)}"
             )
     return seconds
 

@@ -58,7 +58,9 @@ def read_metashape(path: str | Path) -> tuple[Camera, ...]:
     for camera in chunk.iterfind("cameras//camera"):
         name = PureWindowsPath(camera.get("label", "")).name  # cuts at / and at \
         try:
-            lens = _lens(sensors[camera.get("sensor_id")])
+            if (sensor_id := camera.get("sensor_id")) not in sensors:
+                raise ValueError(f"the file has no sensor '{sensor_id}'")
+            lens = _lens(sensors[sensor_id])
             frames = (parts.get(camera.get("component_id"), chunk), chunk)
             pose = _pose(camera, *(f for f in frames if f.find("transform/scale") is not None))
         except (ValueError, LookupError) as error:

@@ -78,7 +78,15 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        texts = [_text(problem, values) for problem in error.errors(include_url=False)]
+        problems = error.errors(include_url=False)
+        # a list counts its valid items alone, so it is too short where one is wrong
+        outer = {problem["loc"][:n] for problem in problems for n in range(len(problem["loc"]))}
+        named = (
+            _text(problem, values)
+            for problem in problems
+            if problem["type"] != "too_short" or problem["loc"] not in outer
+        )
+        texts = [*dict.fromkeys(named)]
         others = [f"and {len(texts) - SHOWN} more"] if len(texts) > SHOWN else []
         raise HandbenchError(
             f"{where}: {'; '.join(texts[:SHOWN] + others)}", [f"{where}: {text}" for text in texts]
@@ -89,13 +97,19 @@ def _text(problem: Any, values: Any) -> str:
     """Say in words what is wrong with a value. problem: one of pydantic's errors; values: those
     that were checked."""
     place = _place(problem, values)
-    key = ".".join(map(str, place)) or "the file"
+    key = ".".join(map(str, place))
     message = problem["msg"].removeprefix("Value error, ")
+    message = message.replace("tuple", "list").replace(" after validation", "")
     if problem["type"] == "missing":
         return f"key '{key}' is missing; add it"
     if problem["type"] == "extra_forbidden":
         return f"unknown key '{key}'; {suggest(str(place[-1]), problem['ctx']['known'])}"
-    return f"'{key}' is {reprlib.repr(problem['input'])}; {message[0].lower()}{message[1:]}"
+    if problem["type"] == "value_error" and isinstance(problem["input"], dict):
+        return f"'{key}': {message}" if key else message
+    if message[1:2].islower():  # no name such as R
+        message = message[0].lower() + message[1:]
+    subject = f"'{key}'" if key else "the content"
+    return f"{subject} is {reprlib.repr(problem['input'])}; {message}"
 
 
 def _place(problem: Any, values: Any) -> list[int | str]:

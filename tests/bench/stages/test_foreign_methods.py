@@ -94,7 +94,7 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
     [
         ("print('x' * 10**6)\nprint('many')\nsys.exit('no \x1b antenna')", "no antenna"),
         ("pass", "{depth}"),
-        ("os.kill(os.getpid(), 9)", "-9"),
+        ("os.kill(os.getpid(), 9)", "signal 9"),
     ],
 )
 def test_a_program_that_fails_is_one_line_with_its_last_one(capture, tmp_path, program, place):
