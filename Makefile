@@ -35,7 +35,7 @@ table: setup
 	$(BIN)/handbench report $(RUN) -o $(RUN)/report
 	-@$(BIN)/python -m docs.readme $(RUN) --check
 
-# The tests that take less than 5 s each; test-all runs all of them.
+# The tests that take less than 3 s each; test-all runs all of them.
 test: lint
 	$(BIN)/python -m handbench.radar.warmup  # or both of the processes would compile the kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"

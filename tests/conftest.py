@@ -10,6 +10,10 @@ The option --update-golden writes the golden files anew (tests/golden_files.py).
 
 import os
 
+# Two processes share the cores. Threads of BLAS spin while they wait for one: the tests of balls
+# took half as much processor time again. BLAS reads it as NumPy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 
