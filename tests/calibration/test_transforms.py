@@ -10,13 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.transforms import (
-    Transform,
-    identity,
-    load_transform,
-    perturbation_jacobian,
-    umeyama,
-)
+from handbench.calibration.transforms import Transform, identity, load_transform, umeyama
 from tests.refusals import refuse
 
 seeds = st.integers(0, 2**32 - 1)
@@ -30,12 +24,6 @@ def similarity(rng: np.random.Generator, scale: float = 1.0) -> np.ndarray:
     return matrix
 
 
-@given(seeds)
-def test_umeyama_never_reflects(seed):
-    source = np.random.default_rng(seed).uniform(-1, 1, (5, 3))
-    assert np.linalg.det(umeyama(source, source * [1, 1, -1])[:3, :3]) == pytest.approx(1)
-
-
 @given(seeds, st.booleans())
 def test_a_weight_of_two_is_a_point_seen_twice(seed, with_scale):
     """To 1e-8, since of unrelated points the rotation may be badly conditioned."""
@@ -43,23 +31,6 @@ def test_a_weight_of_two_is_a_point_seen_twice(seed, with_scale):
     twice = umeyama(source[[0, 0, 1, 2, 3, 4]], target[[0, 0, 1, 2, 3, 4]], with_scale)
     weighted = umeyama(source, target, with_scale, np.array([2.0, 1, 1, 1, 1]))
     np.testing.assert_allclose(weighted, twice, atol=1e-8)
-
-
-@pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_the_inverse_undoes_far_from_the_origin_at_any_scale(rng, scale):
-    """Tolerance: four roundings of the largest number on the way back, 1e6 m over the scale."""
-    matrix = similarity(rng, scale)
-    matrix[:3, 3] *= 1e6
-    transform, points = Transform("photo", "radar", matrix), rng.uniform(-1, 1, (4, 3))
-    back = transform.inverse().points(transform.points(points))
-    np.testing.assert_allclose(back, points, atol=4 * np.finfo(float).eps * 1e6 / scale)
-
-
-def test_the_jacobian_is_the_derivative(rng):
-    """To the square of a step of 1e-6."""
-    point, step = rng.uniform(-1, 1, 3), 1e-6 * rng.standard_normal(6)
-    moved = Rotation.from_rotvec(step[3:6]).apply(point) + step[:3]
-    np.testing.assert_allclose(moved - point, perturbation_jacobian(point) @ step, atol=1e-11)
 
 
 def test_a_points_covariance_grows_with_its_distance_from_the_pivot():

@@ -1,7 +1,5 @@
 """The stages of a reconstruction: what each depends on, and what the sparse one keeps."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,59 +9,42 @@ from handbench.groundtruth.cameras.cameras import load_pycolmap
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.sparse import Sparse
-from handbench.support.errors import HandbenchError
-from tests.groundtruth.noisy_model import adjusted, noisy_model
+from tests.groundtruth.noisy_model import noisy_model
 from tests.groundtruth.room import photograph
 
-# The first stage that an option concerns, where it is not the first of all.
-FIRST = dict.fromkeys(("box_m", "quality", "dense", "masks"), 1)
+# Another value of each option, and the first stage that it concerns; of paths, the files' content
+# is in the key instead, which the caller hashes.
+OTHER = {
+    "intrinsics": ((1, 1, 1, 1), 0),
+    "lenses": ("each", 0),
+    "metric": (True, 0),
+    "unscaled": (True, 0),
+    "seed": (1, 0),
+    "box_m": ((0, 0, 0, 1, 1, 1), 1),
+    "quality": ("draft", 1),
+    "dense": ("cuda", 1),
+}
 
 
-@pytest.mark.parametrize("name", sorted(Options.model_fields))
-def test_a_stage_that_is_given_an_option_has_it_in_its_key(name, tmp_path):
-    """Of paths the files' content is in the key instead, which the caller hashes."""
-    other = {
-        "cameras": Path("c"),
-        "board": Path("b"),
-        "masks": Path("m"),
-        "intrinsics": (1, 1, 1, 1),
-        "box_m": (0, 0, 0, 1, 1, 1),
-        "quality": "draft",
-        "dense": "cuda",
-        "seed": 1,
-        "lenses": "each",
-    }.get(name, True)
-    before, after = (
-        pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"])
-        for options in ({}, {name: other})
-    )
-    given = [name in stage.arguments["options"] for stage in before]
-    assert given.index(True) == FIRST.get(name, 0)
-    if not isinstance(other, Path):
-        changed = [old.key != new.key for old, new in zip(before, after, strict=True)]
-        assert changed == [k >= given.index(True) for k in range(3)]
+def test_an_option_is_in_the_keys_of_the_stages_that_it_concerns(tmp_path):
+    def keys(masks=None, **options):
+        chain = pipeline.stages(tmp_path, tmp_path, Options(**options), ["p"], masks)
+        return [stage.key for stage in chain]
 
-
-def test_other_masks_make_another_dense_stage(tmp_path):
-    chains = [
-        pipeline.stages(tmp_path, tmp_path, Options(), [], masks) for masks in (None, "a", "b")
-    ]
-    sparse, dense, _ = ({stage.key for stage in each} for each in zip(*chains, strict=True))
-    assert len(sparse) == 1 and len(dense) == 3
+    assert OTHER.keys() | pipeline.FILES == Options.model_fields.keys()
+    for name, (value, first) in OTHER.items():
+        changed = [old != new for old, new in zip(keys(), keys(**{name: value}), strict=True)]
+        assert changed == [k >= first for k in range(3)], name
+    assert keys("a")[0] == keys("b")[0] and keys("a")[1] != keys("b")[1]
 
 
 def test_the_sparse_stage_comes_back(tmp_path):
     scene, scale = noisy_model(), Scale("board", 20, 19, 1.25e-5)
-    before = Sparse(scene.model, scale, adjusted(scene))
-    before.save(tmp_path)
-    after = Sparse.load(tmp_path)
-    assert after.scale == scale and after.cameras() == before.cameras()
-    np.testing.assert_array_equal(after.covariance, before.covariance)
-    (tmp_path / "scale.json").unlink()
-    with pytest.raises(
-        HandbenchError, match=r"scale\.json: expected a sparse stage's scale, found no such file"
-    ):
-        Sparse.load(tmp_path)
+    saved = Sparse(scene.model, scale, scene.covariance())
+    saved.save(tmp_path)
+    loaded = Sparse.load(tmp_path)
+    assert loaded.scale == scale and loaded.cameras() == saved.cameras()
+    np.testing.assert_array_equal(loaded.covariance, saved.covariance)
 
 
 @pytest.mark.slow

@@ -8,16 +8,17 @@ from scipy.spatial.transform import Rotation
 from handbench.groundtruth.board.markers import detect_corners
 from handbench.groundtruth.photos.photos import Photo
 from handbench.groundtruth.sparse.frame import apply, board_from_model, trimmed_similarity
-from handbench.support.errors import HandbenchError
 from tests.groundtruth.noisy_model import board_of, noisy_model, poses_of
+from tests.refusals import refuse
 
 
 @pytest.mark.parametrize(
     "points_m", [np.zeros((0, 3)), np.eye(3)[:2], np.outer(np.arange(5.0), (1, 2, 3))]
 )
 def test_too_few_points_and_points_on_a_line_are_refused(points_m):
-    with pytest.raises(HandbenchError, match="at least three that are not on a line"):
-        trimmed_similarity(points_m, points_m, "board corners")
+    refuse(
+        lambda: trimmed_similarity(points_m, points_m, "corners"), f"only {len(points_m)} corners"
+    )
 
 
 def test_a_model_is_carried_to_the_board_despite_a_wrong_corner():
@@ -37,40 +38,33 @@ def test_a_model_is_carried_to_the_board_despite_a_wrong_corner():
 
 
 def test_markers_are_found_in_colmaps_pixels(tmp_path):
-    picture = np.full((1000, 1200), 255, np.uint8)
-    scale = 4000  # pixels a metre, so that a marker's outline runs along pixel borders
-    corners_m = noisy_model().corners_m
-    board, middle_px = board_of(corners_m), (500, 500)
-    for marker, corners in corners_m.items():
-        left, top = (middle_px + scale * corners[0, :2] * (1, -1)).round().astype(int)
-        picture[top : top + 120, left : left + 120] = cv2.aruco.generateImageMarker(
-            board.cv_dictionary(), marker, 120
-        )
+    """Their outlines run along pixel borders; half a pixel would show."""
+    picture, middle_px = np.full((1000, 1200), 255, np.uint8), (500, 500)
+    corners_px = {
+        marker: middle_px + 4000 * corners_m[:, :2] * (1, -1)
+        for marker, corners_m in noisy_model().corners_m.items()
+    }
+    board = board_of(noisy_model().corners_m)
+    for marker, corners in corners_px.items():
+        left, top = corners[0].round().astype(int)
+        drawn = cv2.aruco.generateImageMarker(board.cv_dictionary(), marker, 120)
+        picture[top : top + 120, left : left + 120] = drawn
     cv2.imwrite(str(tmp_path / "a.png"), picture)
     found = detect_corners(Photo(tmp_path / "a.png", "a.png", 1200, 1000), board)
-    assert {marker for marker, _ in found} == set(corners_m)
+    assert len(found) == 20
     for (marker, k), pixel in found.items():
-        expected = middle_px + scale * corners_m[marker][k, :2] * (1, -1)
-        np.testing.assert_allclose(pixel, expected, atol=0.15)  # half a pixel would show
+        np.testing.assert_allclose(pixel, corners_px[marker][k], atol=0.15)
 
 
 def test_points_off_a_plane_tell_its_mirror_image():
     """A majority in a plane fits either way; points off the plane, on the wrong side, are
     reported as a reflection."""
     random = np.random.default_rng(4)
-    target_m = np.concatenate(
-        [
-            random.uniform((-1, -1, 0), (1, 1, 0), (12, 3)),
-            random.uniform(-1, 1, (4, 3)) + (0, 0, 1.5),
-        ]
-    )
+    target_m = random.uniform(-1, 1, (16, 3)) * [1, 1, 0]
+    target_m[12:, 2] = random.uniform(0.5, 2.5, 4)
     matrix, _, residuals_m = trimmed_similarity(2 * target_m, target_m, "corners")
     assert residuals_m.max() < 1e-9 and matrix[0, 0] == pytest.approx(0.5)
-    with pytest.raises(
-        HandbenchError, match=r"4 of 16 corners are where a mirror image .* right-handed"
-    ):
-        trimmed_similarity(target_m * (1, 1, -1), target_m, "corners")
+    mirrored_m = target_m * (1, 1, -1)
+    refuse(lambda: trimmed_similarity(mirrored_m, target_m, "corners"), "4 of 16 corners")
     wrong_m = target_m + np.where(np.arange(16)[:, None] < 12, 0, random.uniform(-1, 1, (16, 3)))
-    assert not trimmed_similarity(wrong_m, target_m, "corners")[1][
-        12:
-    ].any()  # neither way: merely wrong
+    assert not trimmed_similarity(wrong_m, target_m, "corners")[1][12:].any()  # merely wrong

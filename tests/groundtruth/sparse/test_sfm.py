@@ -12,37 +12,24 @@ from handbench.groundtruth.sparse.sfm import find_features, named_pictures
 from tests.groundtruth.board.test_board import slanted
 
 
-def photographs(folder, models):
-    """With EXIF data of a camera and a focal length where its model is not blank."""
-    for i, model in enumerate(models):
-        exif = Image.Exif()
-        if model.strip():
-            exif[0x010F], exif[0x0110] = "maker", model
-            exif.get_ifd(0x8769)[0xA405] = 50
-        size = (120, 160 + 10 * (model == "\t"))
-        noise = np.random.default_rng(i).integers(0, 255, size, dtype=np.uint8)
-        Image.fromarray(noise).save(folder / f"p{i}.jpg", exif=exif)
-    return find_photos(folder)
+def database(known, folder, lenses):
+    """COLMAP's cameras by photograph, and whether a board gave focal lengths."""
+    by_board = find_features(known, folder / "database.db", lenses)
+    with load_pycolmap().Database.open(folder / "database.db") as content:
+        cameras = {camera.camera_id: camera for camera in content.read_all_cameras()}
+        images = sorted(content.read_all_images(), key=lambda image: image.name)
+    return [cameras[image.camera_id] for image in images], by_board
 
 
 @pytest.mark.parametrize(
-    ("models", "lenses", "shared"),
-    [
-        ("AAABB", "auto", [1, 1, 1, 2, 2]),
-        ("AAABB", "one", [1, 1, 1, 1, 1]),
-        ("AAABB", "each", [1, 2, 3, 4, 5]),
-        ("  \t \t", "auto", [1, 1, 2, 1, 2]),  # without EXIF data: by size
-    ],
+    ("lenses", "shared"), [("auto", [1, 2, 1, 2]), ("one", [1, 2, 1, 2]), ("each", [1, 2, 3, 4])]
 )
-def test_photographs_share_lenses_by_exif_or_size(tmp_path, models, lenses, shared):
-    photos = photographs(tmp_path, models)
-    assert not find_features(Known(photos), tmp_path / "database.db", lenses)
-    with load_pycolmap().Database.open(tmp_path / "database.db") as content:
-        images = {image.name: image for image in content.read_all_images()}
-        cameras = {camera.camera_id: camera for camera in content.read_all_cameras()}
-    found = [images[f"p{i}.jpg"].camera_id for i in range(5)]
-    assert found == shared
-    assert cameras[1].has_prior_focal_length == (models[0] == "A")
+def test_photographs_of_a_size_share_a_lens_unless_each_has_its_own(tmp_path, lenses, shared):
+    """Without EXIF data; by these COLMAP groups itself."""
+    for i, width in enumerate((160, 170, 160, 170)):
+        Image.effect_noise((width, 120), 50).save(tmp_path / f"p{i}.png")
+    cameras, by_board = database(Known(find_photos(tmp_path)), tmp_path, lenses)
+    assert [camera.camera_id for camera in cameras] == shared and not by_board
 
 
 def test_a_board_gives_focal_lengths_also_of_photographs_that_show_too_little(tmp_path):
@@ -53,10 +40,9 @@ def test_a_board_gives_focal_lengths_also_of_photographs_that_show_too_little(tm
         Image.new("L", (800, 600)).save(tmp_path / f"{name}.png")
     corners = {"a.png": seen, "b.png": {}, "c.png": seen}
     known = Known(find_photos(tmp_path), board=board, corners=corners)
-    assert find_features(known, tmp_path / "database.db", "each")
-    with load_pycolmap().Database.open(tmp_path / "database.db") as content:
-        focal_px = [camera.params[0] for camera in content.read_all_cameras()]
-    assert focal_px == pytest.approx([900] * 3, rel=0.01)
+    cameras, by_board = database(known, tmp_path, "each")
+    assert by_board
+    assert [camera.params[0] for camera in cameras] == pytest.approx([900] * 3, rel=0.01)
 
 
 def test_colmap_finds_photographs_of_other_names_and_tones_under_their_names(tmp_path):
