@@ -70,7 +70,6 @@ def test_another_parameter(tmp_path):
         ({}, "../a.s1p,0,0,0,0,0,0\n", "positions.csv"),
         ({"a.s1p": "# THz Q RI\n1 0.5 0\n"}, ROW, "a.s1p"),
         ({"a.s1p": ONE + "3 0.5 inf\n"}, ROW, "a.s1p"),
-        ({"a.s1p": "!" + "x" * 2**23}, ROW, "a.s1p"),
         ({"a.s1p": ONE, "b.s1p": ONE + "3 1 1\n"}, ROW + "b.s1p,1,0,0,0,0,0\n", "b.s1p"),
     ],
 )

@@ -55,10 +55,6 @@ def test_hand_scene_geometry() -> None:
     vertices_m, box_m = np.asarray(scene.target_mesh.vertices), scene.box_m
     assert vertices_m[:, 2].min() > 0.25 and vertices_m[:, 2].max() < 0.33
     assert np.abs(vertices_m[:, :2]).max() < 0.15  # the paper's image
-    turn = scene.radar_from_photo.rotation
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    # the board looks at the radar, but not squarely
-    assert turn[2, 2] < -0.95 and np.abs(turn - np.diag([-1, 1, -1])).max() > 0.02
     in_photo_m = scene.radar_from_photo.inverse().points(vertices_m)
     inside = ((in_photo_m > box_m[0]) & (in_photo_m < box_m[1])).all(axis=1)
     assert inside.mean() > 0.85  # all but the end of the forearm, in its block
@@ -134,30 +130,26 @@ def test_capture_folder(tmp_path: Path) -> None:
     assert len(read_mesh(tmp_path / "truth.ply").triangles) == len(scene.target_mesh.triangles)
 
 
-def simulated(target: dict, folder: Path, effect: str) -> Scene:
-    """A scene of four tones, two of them at 82 GHz, of which two frames are in FOLDER/out; before
-    two antennas, for speed."""
-    for name in ("tx_m.csv", "rx_m.csv"):
-        (folder / name).write_text("x_m,y_m,z_m\n0.01,0,0\n0,0.02,0\n")
-    sensor = {"sweep": [], "tones_hz": [82e9, 81.8e9, 79.5e9, 82e9], "array": "."}
-    scene = built(target, folder, sensor=sensor | {"frame_period_s": 0.1}, effects=[effect])
-    simulate_capture(scene, folder / "out", frames=2)
-    assert load_capture(folder / "out/echoes.h5").aperture.tx_m.tolist()[1] == [0, 0.02, 0]
-    return scene
-
-
 @pytest.mark.parametrize("target", [BALL | {"offset_m": [0.02, 0.0]}, TARGET])
 def test_a_moving_target_has_one_truth_a_frame_with_velocities(
     target: dict, tmp_path: Path
 ) -> None:
+    """Four tones, two of them at 82 GHz, before two antennas, for speed."""
+    for name in ("tx_m.csv", "rx_m.csv"):
+        (tmp_path / name).write_text("x_m,y_m,z_m\n0.01,0,0\n0,0.02,0\n")
+    sensor = {"sweep": [], "tones_hz": [82e9, 81.8e9, 79.5e9, 82e9], "array": "."}
+    sensor["frame_period_s"] = 0.1
     motion = {"rotation_deg_s": [0.0, 0.0, 90.0], "velocity_m_s": 0.1, "direction": [1, 0, 0]}
-    scene, folder = simulated(target | {"motion": motion}, tmp_path, "motion"), tmp_path / "out"
+    target, folder = target | {"motion": motion}, tmp_path / "out"
+    scene = built(target, tmp_path, sensor=sensor, effects=["motion"])
+    simulate_capture(scene, folder, frames=2)
     assert (folder / "truth.ply").read_bytes() == (folder / "truth/000.ply").read_bytes()
     assert len(list((folder / "truth").iterdir())) == 2
     capture = load_capture(folder / "echoes.h5")
+    assert capture.aperture.tx_m[1].tolist() == [0, 0.02, 0]
     assert capture.times_s == pytest.approx([0, 1e-3, 2e-3, 3e-3])
     assert capture.frame_times_s == pytest.approx([0, 0.1])
-    if target == TARGET:
+    if scene.target is not None:
         assert load_target(folder / "target.toml") == scene.target
     pivot_m = scene.radar_from_target.matrix[:3, 3]
     turns = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 20]]).as_matrix()
@@ -170,8 +162,3 @@ def test_a_moving_target_has_one_truth_a_frame_with_velocities(
         velocity = np.stack([more["vx"], more["vy"], more["vz"]], axis=1)
         expected = np.cross([0, 0, np.pi / 2], around_m) + [0.1, 0, 0]
         assert np.abs(velocity - expected).max() < 1e-8
-
-
-def test_a_target_at_rest_has_one_truth(tmp_path: Path) -> None:
-    simulated(BALL, tmp_path, "obliquity")
-    assert not (tmp_path / "out/truth").exists()
