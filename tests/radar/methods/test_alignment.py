@@ -8,24 +8,18 @@ from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.methods.alignment import Aligned, align, behind_outline
-from handbench.radar.methods.registry import method
-from handbench.support.errors import HandbenchError
 from tests.radar.simulated_points import around, depth_by, exact_capture
 
 TONES_HZ, MANY_HZ = np.linspace(72e9, 82e9, 8), np.linspace(72e9, 82e9, 16)
 UNEVEN_HZ = np.array([82.0e9, 81.8e9, 80.5e9, 77.0e9, 72.0e9])
 
 
-def images(offs_m, tones_hz=TONES_HZ, rise=2.0):
-    """Images [f, n] of unit scatterers so far behind the points that were imaged."""
+def images(offs_m, tones_hz=TONES_HZ, rise=2.0, sigma=0.0):
+    """Images [f, n] of unit scatterers so far behind the points that were imaged, with white noise
+    of the rms sigma."""
     turns = rise * np.asarray(offs_m) * tones_hz[:, None] / SPEED_OF_LIGHT_M_S
-    return np.exp(-2j * np.pi * turns)
-
-
-def noisy(offs_m, sigma, tones_hz, seed=3):
-    """The same with white noise of that rms."""
-    draws = np.random.default_rng(seed).standard_normal((len(tones_hz), len(offs_m), 2))
-    return images(offs_m, tones_hz) + sigma / 2**0.5 * (draws @ [1, 1j])
+    white = np.random.default_rng(3).standard_normal((*turns.shape, 2)) @ [1, 1j]
+    return np.exp(-2j * np.pi * turns) + sigma / 2**0.5 * white
 
 
 @given(st.floats(-0.014, 0.014), st.floats(1.2, 2.0), st.floats(-np.pi, np.pi), st.integers(3, 20))
@@ -43,8 +37,7 @@ def test_noise_moves_it_as_the_cramer_rao_bound_says(tones_hz, reach_m):
     """At an SNR of 20 dB: the error's deviation is the bound's to 5 %, which 4000 draws know to 1
     %, and σ says so."""
     offs_m = np.random.default_rng(3).uniform(-0.01, 0.01, 4000)
-    reach = () if reach_m is None else (reach_m,)
-    found = align(noisy(offs_m, 0.1, tones_hz), tones_hz, np.full(4000, 2.0), *reach)
+    found = align(images(offs_m, tones_hz, sigma=0.1), tones_hz, np.full(4000, 2.0), reach_m)
     k = 4 * np.pi * tones_hz / SPEED_OF_LIGHT_M_S
     bound_m = 0.1 / 2**0.5 / np.sqrt(((k - k.mean()) ** 2).sum())
     assert (found.shift_m - offs_m).std() == pytest.approx(bound_m, rel=0.05)
@@ -64,7 +57,7 @@ def test_the_second_maximum_is_as_likely_as_it_says():
     """At noise that puts some a period off: most wrong ones are among the pixels that are more than
     10 % likely to be wrong, and hardly any is below 1 %."""
     offs_m = np.random.default_rng(2).uniform(-0.02, 0.02, 6000)
-    found = align(noisy(offs_m, 0.5, UNEVEN_HZ), UNEVEN_HZ, np.full(6000, 2.0), 0.03)
+    found = align(images(offs_m, UNEVEN_HZ, sigma=0.5), UNEVEN_HZ, np.full(6000, 2.0), 0.03)
     wrong = np.abs(found.shift_m - offs_m) > 0.005
     assert wrong.mean() > 0.01
     assert wrong[found.other > 0.1].sum() > 0.7 * wrong.sum()
@@ -103,15 +96,3 @@ def test_pixels_behind_an_outline_are_marked():
     hidden = behind_outline(z_m, config, 0.0075)
     assert hidden[:, 10:13].all() and not hidden[:, :10].any() and not hidden[:, 13:].any()
     assert not behind_outline(np.where(z_m > 0.28, 0.265, z_m), config, 0.0075).any()
-
-
-@pytest.mark.parametrize(
-    ("id", "values", "words"),
-    [
-        ("broadband-aligned", {"tones_hz": {"count": 2}}, "3 or more tones"),
-        ("joint", {"tones_hz": [82e9, 81e9, 81e9]}, "closest pair first"),
-    ],
-)
-def test_tones_that_cannot_be_aligned_are_refused(id, values, words):
-    with pytest.raises(HandbenchError, match=words):
-        method(id).configure(values, "config")
