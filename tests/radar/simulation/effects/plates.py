@@ -36,18 +36,12 @@ def dihedral(width_m, height_m, at_m=(0.0, 0.0, 0.0), count=16, turn_rad=0.0) ->
     return joined(*sides)
 
 
-def cylinder(centre_m, radius_m, length_m, around=48, along=40) -> Body:
-    """The side of an upright cylinder."""
-    turn = np.linspace(0, 2 * np.pi, around, endpoint=False)
-    ring = radius_m * np.stack([np.cos(turn), 0 * turn, np.sin(turn)], axis=1)
-    height = np.linspace(-length_m / 2, length_m / 2, along + 1)
-    vertices_m = np.asarray(centre_m) + (ring[None] + height[:, None, None] * [0, 1, 0]).reshape(
-        -1, 3
-    )
-    index = np.arange(around * (along + 1)).reshape(along + 1, around)
-    p, q = index[:-1].ravel(), np.roll(index[:-1], -1, axis=1).ravel()
-    r, s = np.roll(index[1:], -1, axis=1).ravel(), index[1:].ravel()
-    return Body(vertices_m, np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)]))
+def cylinder(centre_m, radius_m, length_m) -> Body:
+    """An upright cylinder."""
+    make = load_open3d().geometry.TriangleMesh.create_cylinder
+    mesh = make(radius_m, length_m, resolution=48, split=40)
+    upright_m = np.asarray(mesh.vertices)[:, [1, 2, 0]]
+    return Body(np.asarray(centre_m) + upright_m, np.asarray(mesh.triangles))
 
 
 def sheet(side_m, step_m, z_m=0.0, depth_m=lambda x, y: 0 * x) -> Body:

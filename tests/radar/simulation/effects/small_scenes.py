@@ -1,13 +1,12 @@
 """Small scenes for effects: a metal bead before the array."""
 
 import numpy as np
-import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.ablation import explain
 from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
-from handbench.radar.simulation.scene import Choice, EchoScene
+from handbench.radar.simulation.scene import Ball, Choice, EchoScene
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
 from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
@@ -15,6 +14,7 @@ from tests.radar.simulation.effects.plates import sphere_body
 
 TONES_HZ = np.array([79.5e9, 81.8e9, 82e9])
 NEAR_SIDE_M = np.array([[0.01, -0.005, 0.296]])  # of the bead
+FOAM_BALL = Ball(np.array([0.01, -0.02, 0.3]), 5e-3, 0.025, 1.03)
 EVERYTHING = {
     "noise": {"phase_noise_rad": 0.05},
     "oscillator": {"level_dbc_hz": -80.0},
@@ -26,17 +26,6 @@ EVERYTHING = {
     "dead": {"tx": (1,)},
     "converter": {"bits": 12},
 }
-
-
-@pytest.fixture
-def no_random_numbers(monkeypatch):
-    """Refuses what scenes draw from."""
-
-    def refuse(*arguments, **named):
-        raise AssertionError("drew a random number")
-
-    monkeypatch.setattr(np.random, "default_rng", refuse)
-    monkeypatch.setattr(np.random, "SeedSequence", refuse)
 
 
 def causes(**values: dict) -> dict:

@@ -12,14 +12,13 @@ from handbench.radar.simulation.effects.motion import moving_samples
 from handbench.radar.simulation.effects.multipath import land, multipath
 from handbench.radar.simulation.physics.reflection import reflections
 from handbench.radar.simulation.scene import Body, EchoScene, Material
-from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
+from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate, sphere_body
 from tests.radar.simulation.effects.small_scenes import shaped
 
 FAR_M = 500.0
 METAL = np.ones((1, 2, 1025), complex)  # over that at normal incidence
-SKIN = Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)
 TONE_HZ = np.array([77e9])
 WAVELENGTH_M = SPEED_OF_LIGHT_M_S / TONE_HZ[0]
 TONES_HZ = np.linspace(72e9, 82e9, 11)
@@ -30,22 +29,13 @@ FINGERS = joined(
 )
 
 
-def state(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> Echoes:
-    return shaped(EchoScene(array, frequencies_hz, np.zeros(len(frequencies_hz)), body), multipath)
+def scene(body: Body, tones_hz=TONES_HZ, array: AntennaArray = SPARSE) -> EchoScene:
+    return EchoScene(array, tones_hz, np.zeros(len(tones_hz)), body)
 
 
-def twice(body: Body, frequencies_hz=TONES_HZ, array: AntennaArray = SPARSE) -> np.ndarray:
+def twice(*scene_of) -> np.ndarray:
     """The two-bounce echoes alone."""
-    bounced = state(body, frequencies_hz, array).bounced
-    none = np.zeros((len(frequencies_hz), *array.channels))
-    return none if bounced is None else bounced
-
-
-def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
-    """Monostatic, from afar."""
-    antenna_m = FAR_M * np.array([[0.0, np.sin(elevation_rad), -np.cos(elevation_rad)]])
-    sample = twice(body, TONE_HZ, AntennaArray(antenna_m, antenna_m))[0, 0, 0]
-    return 4 * np.pi / WAVELENGTH_M**2 * abs(sample * FAR_M**2) ** 2
+    return shaped(scene(*scene_of), multipath).bounced
 
 
 @pytest.mark.parametrize(
@@ -59,11 +49,12 @@ def cross_section_m2(body: Body, elevation_rad: float = 0.0) -> float:
     ],
 )
 def test_a_turned_dihedral_echoes_like_the_plate_that_it_lights_twice(turn_deg, within):
-    width_m = 2 * 0.06 * np.sin(np.pi / 4 - np.radians(turn_deg))
-    expected = 4 * np.pi * (width_m * 0.05) ** 2 / WAVELENGTH_M**2
-    assert cross_section_m2(dihedral(0.06, 0.05, turn_rad=np.radians(turn_deg))) == pytest.approx(
-        expected, rel=within
-    )
+    """σ = 4π/λ² |S R²|², monostatic and from afar, is that of the plate, 4πA²/λ²."""
+    turn_rad, antenna_m = np.radians(turn_deg), [[0.0, 0.0, -FAR_M]]
+    corner = dihedral(0.06, 0.05, turn_rad=turn_rad)
+    sample = twice(corner, TONE_HZ, AntennaArray(antenna_m, antenna_m))[0, 0, 0]
+    area_m2 = 2 * 0.06 * np.sin(np.pi / 4 - turn_rad) * 0.05
+    assert (abs(sample) * FAR_M**2 / area_m2) ** 2 == pytest.approx(1, rel=within)
 
 
 def test_tones_and_antennas_between_the_nodes_are_interpolated():
@@ -87,32 +78,34 @@ def field(tx_m, mirror, wall, dipole=(0.0, 1.0, 0.0), fresnel=METAL):
     return made[0]
 
 
-def facet(middle_m, normal, size_m=1e-4):
-    """Corners and normals of a small flat triangle."""
-    normal = np.array(normal, float) / np.linalg.norm(normal)
-    u = np.cross(normal, [0.3, 0.9, 0.1])
-    edges = np.stack([u, np.cross(normal, u), -u - np.cross(normal, u)])
-    return middle_m + size_m * edges, np.tile(normal, (3, 1))
-
-
-def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead():
+@pytest.mark.parametrize(
+    ("curved_m", "wall_m", "gain"),
+    [
+        ((0.02, np.inf), 5e-3, 1),
+        ((0.02, np.inf), 0.03, 1j),
+        ((0.02, 0.02), 5e-3, 1),
+        ((0.02, 0.02), 0.03, -1),
+    ],
+)
+def test_a_tube_that_crosses_a_caustic_is_a_quarter_turn_ahead(curved_m, wall_m, gain):
     """A cylinder of the radius R mirrors rays along its axis of symmetry to a line R/2 before it,
     and a sphere to a point: the field gains j behind the one and j² behind the other (Balanis, sec.
     13.2.2)."""
-    radius_m = np.array([0.02, np.inf]), np.array([0.02, 0.02])
-    for length_m, gained in ((5e-3, (1, 1)), (0.03, (1j, -1))):
-        for curved_m, gain in zip(radius_m, gained, strict=True):
-            corners_m = 4e-4 * np.array([[0.0, 1, 0], [1, -1, 0], [-1, -1, 0]])
-            normals = -np.eye(3)[2] - corners_m / [*curved_m, 1.0]  # hollow, seen from -z
-            mirror = corners_m, normals / np.linalg.norm(normals, axis=1, keepdims=True)
-            wall_m = np.array([[0, 1.0, -length_m], [-1, -1, -length_m], [1, -1, -length_m]])
-            made = field((1.0, 0, -500), mirror, (wall_m, np.tile(np.eye(3)[2], (3, 1))))
-            assert made / abs(made) == pytest.approx(gain, abs=1e-2)
+    corners_m = 4e-4 * np.array([[0.0, 1, 0], [1, -1, 0], [-1, -1, 0]])
+    normals = [0, 0, -1] - corners_m / [*curved_m, 1.0]  # hollow, seen from -z
+    mirror = corners_m, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    wall = [[0, 1, -wall_m], [-1, -1, -wall_m], [1, -1, -wall_m]], [[0, 0, 1]] * 3
+    made = field((1, 0, -500), mirror, wall)
+    assert made / abs(made) == pytest.approx(gain, abs=1e-2)
 
 
 def over_two_mirrors(dipole, fresnel=METAL):
     """The field over a right-angled dihedral with its edge along y, met at 45°."""
-    mirrors = facet((-0.1, 0, 1.0), (1, 0, -1)), facet((0.1, 0, 1.0), (-1, 0, -1))
+    mirrors = []
+    for side in (1, -1):
+        u, normal = np.array([0, 1e-4, 0]), np.array([side, 0, -1]) / 2**0.5
+        v = np.cross(normal, u)
+        mirrors.append(([-0.1 * side, 0, 1] + np.stack([u, v, -u - v]), [normal] * 3))
     return field((-0.1, 0, 0), *mirrors, dipole, fresnel)
 
 
@@ -128,20 +121,21 @@ def test_a_metal_dihedral_turns_the_field_across_its_edge():
 @pytest.mark.parametrize(("dipole", "part"), [((0, 1, 0), 0), ((1, 0, 0), 1)])
 def test_skin_reflects_by_fresnels_formulas(dipole, part):
     """At 45°; the formulas as in Born & Wolf, sec. 1.5.2."""
+    skin = Material(kind="plastic", permittivity=6.4, loss_tangent=1.35)
     n, inside = np.sqrt(6.4 * (1 - 1.35j)), np.sqrt(6.4 * (1 - 1.35j) - 0.5)
     s = (0.5**0.5 - inside) / (0.5**0.5 + inside)
     p = (inside - n**2 * 0.5**0.5) / (inside + n**2 * 0.5**0.5)
-    fresnel = reflections(SKIN, np.array([80e9]), np.maximum(np.linspace(0, 1, 1025), 1e-6))
+    fresnel = reflections(skin, np.array([80e9]), np.maximum(np.linspace(0, 1, 1025), 1e-6))
     expected = (s, p)[part] ** 2 * over_two_mirrors(dipole)
     assert over_two_mirrors(dipole, fresnel) == pytest.approx(expected, rel=3e-3)
 
 
-def test_flat_and_convex_bodies_have_no_second_bounce():
-    for body in (
-        plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 20),
-        sphere_body(0.01, (0, 0, 0.3)),
-    ):
-        assert not twice(body).any()
+@pytest.mark.parametrize(
+    "body",
+    [plate((-0.03, -0.03, 0.3), (0, 0.06, 0), (0.06, 0, 0), 20), sphere_body(0.01, (0, 0, 0.3))],
+)
+def test_flat_and_convex_bodies_have_no_second_bounce(body):
+    assert not twice(body).any()
 
 
 def test_transmitters_and_receivers_can_be_swapped():
@@ -150,27 +144,27 @@ def test_transmitters_and_receivers_can_be_swapped():
 
 
 def test_motion_turns_the_bounces_with_the_target():
-    # of 0.2 mm until the first tone is measured
-    motion, count = Motion(velocity_m_s=0.2), len(TONES_HZ)
-    made = state(FINGERS)
-    made.scene = replace(made.scene, time_s=np.full(count, 1e-3), motion=motion)
+    """By 0.2 mm, which are 0.6 rad; what is left over is the tubes' borders."""
+    made = shaped(scene(FINGERS), multipath)
+    made.scene = replace(made.scene, time_s=np.full(11, 1e-3), motion=Motion(velocity_m_s=0.2))
     made.facets = made.facets.where(np.arange(1))  # the bounces alone, but for one facet
-    turned = moving_samples(made)[0]
     moved = twice(Body(FINGERS.vertices_m + [0, 0, 2e-4], FINGERS.faces))
-    # 0.2 mm turn the echoes by 0.6 rad; what is left over is the tubes' borders.
-    assert relative_error(turned, moved) < 0.03
+    assert relative_error(moving_samples(made)[0], moved) < 0.03
     assert relative_error(made.bounced, moved) > 0.3
 
 
+def bounces(body: Body, **changes) -> np.ndarray:
+    """Those of one tone, of echoes with these changes."""
+    echoes = replace(bare_echoes(scene(body, TONE_HZ)), **changes)
+    echoes.shape(multipath)
+    return echoes.bounced
+
+
 def test_the_pattern_acts_on_both_legs():
-    made = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), CORNER))
-    made.pattern = 2.0
-    made.shape(multipath)
-    towards = [np.array([0.01, 0.005, 0.32]) - leg.position_m for leg in SPARSE.legs]
-    squared = [(way[:, 2] / np.linalg.norm(way, axis=1)) ** 2 for way in towards]
-    assert (
-        relative_error(made.bounced, twice(CORNER, TONE_HZ) * np.outer(*squared)) < 0.03
-    )  # the corner is 20 mm wide
+    middle_m = np.array([0.01, 0.005, 0.32])  # of a corner that is 20 mm wide
+    squared = [leg.directions(middle_m)[:, 2] ** 2 for leg in SPARSE.legs]
+    expected = bounces(CORNER) * np.outer(*squared)
+    assert relative_error(bounces(CORNER, pattern=2.0), expected) < 0.03
 
 
 @pytest.mark.parametrize(
@@ -179,12 +173,9 @@ def test_the_pattern_acts_on_both_legs():
 )
 def test_layers_reflect_each_in_its_way(reflection, two, expected, monkeypatch):
     """Each tube meets both plates once."""
-    metal, layers = twice(CORNER, TONE_HZ), np.array(reflection)[:, None]
+    metal, layers = bounces(CORNER), np.array(reflection)[:, None]
     monkeypatch.setattr(multipath_effect, "echo_reflections", lambda *_: layers)
     monkeypatch.setattr(multipath_effect, "reflections", lambda *_: METAL.repeat(2, axis=0))
     second = np.arange(len(CORNER.faces)) >= len(CORNER.faces) // 2
-    body = replace(CORNER, palm=second & two)
-    bare = bare_echoes(EchoScene(SPARSE, TONE_HZ, np.zeros(1), body))
-    bare.material = Material(kind="skin")
-    bare.shape(multipath)
-    assert relative_error(bare.bounced, expected * metal) < 1e-6
+    skin = bounces(replace(CORNER, palm=second & two), material=Material(kind="skin"))
+    assert relative_error(skin, expected * metal) < 1e-6
