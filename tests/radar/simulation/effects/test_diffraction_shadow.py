@@ -49,7 +49,7 @@ def test_a_straight_edge_is_fresnel_s_knife_edge(behind_m):
     """½ erfc(√(jkδ)) in the shadow of a screen x < 0, with the detour δ past its edge, and 1 less
     that in sight. Waves fade from kδ = 10 on."""
     edge_m, turns_per_m = 0.25, 80e9 / SPEED_OF_LIGHT_M_S
-    box = load_open3d().geometry.TriangleMesh.create_box(0.2, 0.2, 1e-3).subdivide_midpoint(6)
+    box = load_open3d().geometry.TriangleMesh.create_box(0.2, 0.2, 1e-3).subdivide_midpoint(7)
     screen = Body(np.asarray(box.vertices) + [-0.2, -0.1, edge_m], np.asarray(box.triangles))
     far_m, k = edge_m + behind_m, 2 * np.pi * turns_per_m
     angle = np.linspace(-1, 1, 101)[np.arange(101) != 50]
