@@ -1,16 +1,12 @@
-"""Bodies with exact echoes, before dipoles of two kinds: parallel cylinders (fingers before a palm)
-and spheres, of metal, skin or plastic."""
+"""Bodies with exact echoes: parallel cylinders (fingers before a palm) and spheres, of metal or
+skin, before dipoles along the cylinders."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.registry import method
 from handbench.radar.simulation.physics.reflection import (
     HORNY,
     dielectric_permittivity,
@@ -18,12 +14,11 @@ from handbench.radar.simulation.physics.reflection import (
 )
 from handbench.radar.simulation.scene import Body, Material
 from handbench.support.rays import TriangleMesh, load_open3d
-from tests.references.exact.cylinders import ALONG, Cylinder, cylinder_echoes
+from tests.references.exact.cylinders import Cylinder, cylinder_echoes
 from tests.references.exact.mie_series import CoatedSphere, sphere_echoes
 
 HALF_LENGTH_M = 0.16  # of the meshes; the array's specular points are within a third of it
 AROUND_M, ALONG_M = 0.5e-3, 2e-3  # edges of the meshes: 4 µm inside the cylinder
-FINGER_M, PALM_M = 8e-3, 25e-3  # radii
 MATERIALS = {
     "metal": Material(),
     "skin": Material(kind="plastic", permittivity=6.4, loss_tangent=1.35),
@@ -33,12 +28,12 @@ Shape = Cylinder | CoatedSphere
 
 
 def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
-    return tuple(Cylinder(x, 0.29, FINGER_M) for x in x_m)
+    return tuple(Cylinder(x, 0.29, 8e-3) for x in x_m)
 
 
 def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
     """A finger at x_m, and a palm at x = 0, 34 mm behind the finger's axis."""
-    return Cylinder(x_m, 0.265, FINGER_M), Cylinder(0.0, 0.299 + PALM_M, PALM_M)
+    return Cylinder(x_m, 0.265, 8e-3), Cylinder(0.0, 0.324, 25e-3)
 
 
 SCENES: dict[str, tuple[Shape, ...]] = {
@@ -51,28 +46,17 @@ SCENES: dict[str, tuple[Shape, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class Case:
-    """Bodies of a material before dipoles along or across the cylinders, or along y or x."""
-
-    name: str
-    bodies: tuple[Shape, ...]
-    material: str
-    polarisation: str
-
-
-def body(case: Case) -> Body:
-    """Its cylinders, with closed ends, or its spheres as one body of meshes."""
+def body(shapes: tuple[Shape, ...], material: str) -> Body:
+    """Cylinders, with closed ends, or spheres as one body of meshes."""
     made = load_open3d().geometry.TriangleMesh()
-    for shape in case.bodies:
-        made += mesh_of(shape)
+    for shape in shapes:
+        made += _mesh(shape)
     faces = np.asarray(made.triangles)
-    palm = np.ones(len(faces), bool) if case.material == "palm" else None
-    return Body(np.asarray(made.vertices), faces, MATERIALS[case.material], palm)
+    palm = np.ones(len(faces), bool) if material == "palm" else None
+    return Body(np.asarray(made.vertices), faces, MATERIALS[material], palm)
 
 
-def mesh_of(shape: Shape) -> TriangleMesh:
-    """Its mesh; cylinders have closed ends."""
+def _mesh(shape: Shape) -> TriangleMesh:
     if isinstance(shape, CoatedSphere):
         return sphere_mesh(shape.radius_m, AROUND_M / 2).translate(shape.centre_m)
     around = int(np.ceil(2 * np.pi * shape.radius_m / AROUND_M))
@@ -81,40 +65,18 @@ def mesh_of(shape: Shape) -> TriangleMesh:
     return made.translate((shape.x_m, 0.0, shape.z_m))
 
 
-def front_m(case: Case, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Depth [y, x] of the front of the cylinders behind each pixel; NaN where there is none."""
-    z_m = np.full((len(y_m), len(x_m)), np.inf)
-    for one in case.bodies:
-        inside = np.abs(x_m - one.x_m) < one.radius_m
-        depth_m = one.z_m - np.sqrt(one.radius_m**2 - (x_m[inside] - one.x_m) ** 2)
-        z_m[:, inside] = np.minimum(z_m[:, inside], depth_m)
-    return np.where(np.isfinite(z_m), z_m, np.nan)
-
-
-def exact_echoes(case: Case, frequencies_hz: np.ndarray, array: AntennaArray) -> np.ndarray:
-    """Samples complex128 [f, t, r] of a case."""
-    filling, coat = fillings(case, frequencies_hz)
-    if isinstance(case.bodies[0], Cylinder):
-        return cylinder_echoes(list(case.bodies), frequencies_hz, array, case.polarisation, filling)
-    [sphere] = case.bodies
-    dipole = np.array([0.0, 1.0, 0.0] if case.polarisation == ALONG else [1.0, 0.0, 0.0])
-    if coat is not None:
-        sphere = replace(sphere, coat_m=MATERIALS[case.material].palm_thickness_m)
-    return sphere_echoes(sphere, frequencies_hz, array, dipole, filling, coat)
-
-
-def fillings(case: Case, frequencies_hz: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Permittivity [f] of the bodies, None for metal, and that of their coat, None for none."""
-    material = MATERIALS[case.material]
-    if material.kind == "metal":
-        return None, None
-    if material.kind == "skin":
-        return skin_permittivity(frequencies_hz, material.wet), HORNY(frequencies_hz)
-    return np.full(len(frequencies_hz), dielectric_permittivity(material)), None
-
-
-def maps(capture: RadarCapture, methods: Iterable[str]) -> dict[str, DepthMap]:
-    """Depth maps of the first frame."""
-    return {
-        name: method(name).run(capture, method(name).configure({}, "exact"), 0) for name in methods
-    }
+def exact_echoes(
+    shapes: tuple[Shape, ...], material: str, frequencies_hz: np.ndarray, array: AntennaArray
+) -> np.ndarray:
+    """Samples complex128 [f, t, r] of cylinders, or of one sphere."""
+    made, coat = MATERIALS[material], None
+    if made.kind == "metal":
+        filling = None
+    elif made.kind == "skin":
+        filling, coat = skin_permittivity(frequencies_hz, made.wet), HORNY(frequencies_hz)
+    else:
+        filling = np.full(len(frequencies_hz), dielectric_permittivity(made))
+    if isinstance(shapes[0], Cylinder):
+        return cylinder_echoes(list(shapes), frequencies_hz, array, filling)
+    sphere = replace(shapes[0], coat_m=0.0 if coat is None else made.palm_thickness_m)
+    return sphere_echoes(sphere, frequencies_hz, array, np.eye(3)[1], filling, coat)

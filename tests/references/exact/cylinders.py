@@ -1,11 +1,11 @@
 """Exact echoes of parallel, infinitely long circular cylinders, of metal or of a dielectric, before
-short dipoles.
+short dipoles along their axis.
 
 Along the cylinders' axis the field is a spectrum of waves e^{−jβa}; around each cylinder, with κ =
 √(k² − β²), it is a series of J_m and H_m⁽²⁾ times e^{jmφ}. Both axial components, E_a and H_a
 (times the impedance of free space), are expanded; a cylinder couples them where β ≠ 0, unless it is
-of metal. Graf's theorem carries the waves that one cylinder scatters to the others, so that all
-orders of scattering are there. Time is e^{+jωt}.
+of metal, around which there is no H_a of such dipoles. Graf's theorem carries the waves that one
+cylinder scatters to the others, so that all orders of scattering are there. Time is e^{+jωt}.
 
 Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J. Phys. 33 (1955)
 189; Olaofe, Scattering by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27
@@ -20,12 +20,9 @@ from scipy.special import hankel2, jv, jve
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 
-TAPER = (
-    0.4,
-    0.65,
-)  # of the spectrum, as shares of k: sines of the angles out of the plane across the axis
+# of the spectrum, as shares of k: sines of the angles out of the plane across the axis
+TAPER = (0.4, 0.65)
 FURTHER_ORDERS = 4.0  # times the cube root of κa, beyond κa: what is left out is below 1e-8
-ALONG, ACROSS = "along", "across"  # the dipoles to the axis
 
 
 @dataclass(frozen=True)
@@ -41,11 +38,9 @@ def cylinder_echoes(
     cylinders: list[Cylinder],
     frequencies_hz: np.ndarray,
     array: AntennaArray,
-    polarisation: str,
     permittivity: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them, of dipoles along or
-    across the axis.
+    """Samples complex128 [f, t, r] as `radar.simulation.forward` scales them.
 
     permittivity: relative, complex [f]; None for metal. A transmitter's dipole has the field
     e^{−jkR}/R broadside; jλ times the scattered one at the receivers makes the echo of a metal
@@ -55,9 +50,8 @@ def cylinder_echoes(
     for n, f in enumerate(frequencies_hz):
         wavelength_m = SPEED_OF_LIGHT_M_S / f
         filling = None if permittivity is None else complex(permittivity[n])
-        field = scattered(
-            cylinders, 2 * np.pi / wavelength_m, array.tx_m, array.rx_m, polarisation, filling
-        )
+        k = 2 * np.pi / wavelength_m
+        field = scattered(cylinders, k, array.tx_m, array.rx_m, filling)
         samples[n] = 1j * wavelength_m * field
     return samples
 
@@ -67,7 +61,6 @@ def scattered(
     k: float,
     tx_m: np.ndarray,
     rx_m: np.ndarray,
-    polarisation: str,
     permittivity: complex | None,
 ) -> np.ndarray:
     """The scattered field [t, r] at the receivers, along their dipoles."""
@@ -81,21 +74,13 @@ def scattered(
     field = np.zeros(along_m.shape, complex)
     for b, w in zip(beta, weight, strict=True):
         wave = _Wave(k, b, np.sqrt(k**2 - b**2))
-        sizes = [wave.kappa * cylinder.radius_m for cylinder in cylinders]
-        highest = [
-            int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3)) for size in sizes
-        ]  # the lowest: −highest
-        each = list(zip(cylinders, highest, strict=True))
-        arriving = np.concatenate(
-            [_arriving(wave, c, m, tx_across, polarisation) for c, m in each], axis=1
+        each = [(cylinder, _highest(wave.kappa * cylinder.radius_m)) for cylinder in cylinders]
+        arriving = np.concatenate([_arriving(wave, c, m, tx_across) for c, m in each])
+        received = np.concatenate(
+            [_outgoing(wave.kappa, m, rx_across - [c.z_m, c.x_m]) for c, m in each]
         )
-        leaving = np.concatenate(
-            [_received(wave, c, m, rx_across, polarisation) for c, m in each], axis=1
-        )
-        found = np.einsum(
-            "amt,amr->tr", _scatter(wave, each, permittivity, arriving), leaving, optimize=True
-        )
-        field += w * np.cos(b * along_m) * found[np.ix_(tx_place, rx_place)]
+        across = _scatter(wave, each, permittivity, arriving).T @ received
+        field += w * np.cos(b * along_m) * across[np.ix_(tx_place, rx_place)]
     return field
 
 
@@ -110,6 +95,11 @@ def axial_spectrum(k: float, along_m: float, path_m: float) -> tuple[np.ndarray,
     place = np.clip((beta / k - TAPER[0]) / (TAPER[1] - TAPER[0]), 2e-3, 1 - 2e-3)
     taper = 1 / (1 + np.exp(1 / (1 - place) - 1 / place))
     return beta, taper * np.where(beta > 0, 2, 1) / period_m
+
+
+def _highest(size: float) -> int:
+    """The highest order around a cylinder of this κa; the lowest is its negative."""
+    return int(np.ceil(size + FURTHER_ORDERS * np.cbrt(size) + 3))
 
 
 class _Wave(NamedTuple):
@@ -145,46 +135,12 @@ def _outgoing(kappa: float, highest: int, across_m: np.ndarray) -> np.ndarray:
     )
 
 
-def _with_gradient(
-    kappa: float, highest: int, across_m: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Ψ [m, n] and its gradient across the axis [2, m, n]: (∂₁ ± j∂₂)Ψ_m = ∓κ Ψ_{m±1}."""
-    wider = _outgoing(kappa, highest + 1, across_m)
-    below, psi, above = wider[:-2], wider[1:-1], wider[2:]
-    return psi, kappa / 2 * np.stack([below - above, 1j * (below + above)])
-
-
-def _arriving(
-    wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
-    """Amplitudes [2, m, t] of J_m e^{jmφ} around a cylinder, first those of E_a, then of H_a, from
-    unit dipoles: E = (1 + ∇∇·/k²)(d g), H = (j/k) ∇ × (d g), g = e^{−jkR}/R, whose spectrum is −jπ
-    H₀(κ|ρ − ρ'|)."""
-    k, beta, kappa = wave
-    # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}; the gradient is
-    # the axis'
-    to_axis_m = np.array([cylinder.z_m, cylinder.x_m]) - tx_across_m
-    psi, gradient = _with_gradient(kappa, highest, to_axis_m)
-    psi, gradient = psi[::-1], gradient[:, ::-1]
-    if polarisation == ALONG:
-        electric, magnetic = kappa**2 / k**2 * psi, np.zeros_like(psi)
-    else:  # along x, the second of the coordinates (z, x) across
-        electric, magnetic = -1j * beta / k**2 * gradient[1], 1j / k * gradient[0]
-    return -1j * np.pi * np.stack([electric, magnetic])
-
-
-def _received(
-    wave: _Wave, cylinder: Cylinder, highest: int, rx_across_m: np.ndarray, polarisation: str
-) -> np.ndarray:
-    """Field [2, m, r] along the receivers' dipoles of waves Ψ_m of E_a, then of H_a:
-    κ² E_t = −jβ ∇E_a + jk â × ∇H_a."""
-    k, beta, kappa = wave
-    psi, gradient = _with_gradient(
-        kappa, highest, rx_across_m - np.array([cylinder.z_m, cylinder.x_m])
-    )
-    if polarisation == ALONG:
-        return np.stack([psi, np.zeros_like(psi)])
-    return np.stack([-1j * beta * gradient[1], 1j * k * gradient[0]]) / kappa**2
+def _arriving(wave: _Wave, cylinder: Cylinder, highest: int, tx_across_m: np.ndarray) -> np.ndarray:
+    """Amplitudes [m, t] of J_m e^{jmφ} of E_a around a cylinder, from unit dipoles: E = (1 +
+    ∇∇·/k²)(d g), g = e^{−jkR}/R, whose spectrum is −jπ H₀(κ|ρ − ρ'|)."""
+    # from the dipole to the axis: H₀ there is Σ Ψ_{−m}(axis − dipole) J_m e^{jmφ}
+    psi = _outgoing(wave.kappa, highest, [cylinder.z_m, cylinder.x_m] - tx_across_m)[::-1]
+    return -1j * np.pi * wave.kappa**2 / wave.k**2 * psi
 
 
 def _scatter(
@@ -193,24 +149,21 @@ def _scatter(
     permittivity: complex | None,
     arriving: np.ndarray,
 ) -> np.ndarray:
-    """Amplitudes [2, m, t] of the waves Ψ_m that all cylinders scatter together, from those that
-    arrive from the dipoles.
+    """Amplitudes [m, t] of the waves Ψ_m of E_a that all cylinders scatter together, from those
+    that arrive from the dipoles.
 
     (I − TG) c = T a is solved for what the waves are at the surfaces, c H_m(κa), where high orders
     are small and harm no condition."""
     single = np.concatenate([_single(wave, m, c.radius_m, permittivity) for c, m in each], axis=2)
     at_surface = np.concatenate([_hankel(m, np.array([wave.kappa * c.radius_m])) for c, m in each])
-    carried = _translations(wave, each) * at_surface / at_surface.T  # G
-    first = np.einsum("abm,bmt->amt", single, arriving) * at_surface  # T a
-    if permittivity is None:  # metal couples E_a and H_a nowhere
-        coupling = np.stack([single[0, 0], single[1, 1]])[:, :, None] * carried  # T G
-        waves = first
-    else:
-        coupling = np.einsum("abm,mn->ambn", single, carried).reshape(1, *[2 * len(carried)] * 2)
-        waves = first.reshape(1, coupling.shape[1], -1)
+    waves = single[:, 0, :, None] * (arriving * at_surface)  # T a
     if len(each) > 1:
-        waves = np.linalg.solve(np.eye(coupling.shape[1]) - coupling, waves)
-    return waves.reshape(first.shape) / at_surface
+        carried = _translations(wave, each) * at_surface / at_surface.T  # G
+        size = len(single) * len(carried)
+        coupling = np.einsum("abm,mn->ambn", single, carried).reshape(size, size)  # T G
+        solved = np.linalg.solve(np.eye(size) - coupling, waves.reshape(size, -1))
+        waves = solved.reshape(waves.shape)
+    return waves[0] / at_surface
 
 
 def _translations(wave: _Wave, each: list[tuple[Cylinder, int]]) -> np.ndarray:
@@ -231,15 +184,15 @@ def _translations(wave: _Wave, each: list[tuple[Cylinder, int]]) -> np.ndarray:
 
 
 def _single(wave: _Wave, highest: int, radius_m: float, permittivity: complex | None) -> np.ndarray:
-    """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal, E_a =
-    E_φ = 0."""
+    """T [2, 2, m] of one cylinder, from the continuity of E_a, H_a, E_φ and H_φ; of metal [1, 1,
+    m], from E_a = 0."""
     k, beta, kappa = wave
     x = kappa * radius_m
     further = np.arange(highest + 2)
     j, dj = _and_derivative(_with_negative(jv(further, x)))
     h, dh = _and_derivative(_hankel(highest + 1, np.array([x]))[:, 0])
     if permittivity is None:
-        return np.array([[-j / h, 0 * h], [0 * h, -dj / dh]])
+        return np.array([[-j / h]])
     kappa1 = np.sqrt(permittivity * k**2 - beta**2 + 0j)
     x1 = kappa1 * radius_m
     within, slope = _and_derivative(_with_negative(jve(further, x1)))
