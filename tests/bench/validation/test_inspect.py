@@ -23,7 +23,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.config import parse
-from handbench.support.errors import HandbenchError
+from tests.refusals import refuse
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])
 TONES_HZ = np.array([82e9, 81.8e9, 79.5e9])
@@ -42,21 +42,12 @@ def make_capture(folder: Path, name: str = "ball") -> Path:
     return folder
 
 
-def found_in(place: Path) -> list[str]:
-    """The lines of the report, without the folder of the input."""
-    base = place if place.is_dir() else place.parent
-    return [
-        text.replace(f"{base}/", "").replace(str(base), ".") for text in inspect(str(place)).lines
-    ]
-
-
-def same(found: list[str], *expected: str) -> None:
-    """One line for each pattern, in whatever order, and no other."""
-    left = list(found)
-    for pattern in expected:
-        [match] = [line for line in left if re.match(pattern, line)]
-        left.remove(match)
-    assert left == []
+def named(place: Path, *places: str) -> list[str]:
+    """The lines of the report, in which every one of the places, words apart, is in one line."""
+    lines = list(inspect(str(place)).lines)
+    for words in filter(None, places):
+        assert any(all(word in line for word in words.split()) for line in lines), (words, lines)
+    return lines
 
 
 def text_of(name: str, text: str) -> Change:
@@ -88,39 +79,35 @@ FAR = np.array([[1, 0, 0, 4.0], [0, 1, 0, -6], [0, 0, 1, 400], [0, 0, 0, 1]])
 CAPTURES: dict[str, tuple[Change, tuple[str, ...]]] = {
     "keys": (
         described('kint = "hand"\nunits = "mm"'),
-        ("capture.toml: unknown key 'kint'.*'kind'", "capture.toml: 'units' is 'mm'"),
+        ("capture.toml 'kint' 'kind'", "capture.toml 'units' 'mm'"),
     ),
     "method's keys": (
         described("[methods.2fsk]\ntolerance = 1.0\nf3_hz = 1e9"),
-        ("capture.toml: .*2fsk.*'tolerance' is 1.0", "capture.toml: .*2fsk.*unknown key 'f3_hz'"),
+        ("capture.toml 2fsk 'tolerance' 1.0", "capture.toml 2fsk 'f3_hz'"),
     ),
-    "method": (described("[methods.2fks]\ntolerance = 1e-3"), ("capture.toml: .*'2fks'.*'2fsk'",)),
-    "contains": (described('contains = ["photos", "no"]'), (".: photos is mis", ".: no is mis")),
-    "outside": (described('contains = ["../secret"]'), (r".: .*'\.\./secret'",)),
-    "box": (described("box_m = [1, 1, 1, 0, 0, 0]"), ("capture.toml: 'box_m' is",)),
-    "box in mm": (described("box_m = [-50, -50, 10, 50, 50, 90]"), ("capture.toml: warning: ",)),
-    "target": (described('kind = "target"'), (".: .*without target.toml",)),
-    "no echoes": (
-        lambda folder: (folder / "echoes.h5").unlink(),
-        ("echoes.h5: .*no such file",) * 2,
-    ),
-    "echoes": (cut("echoes.h5"), ("echoes.h5: ",)),
-    "truth": (cut("truth.ply"), ("truth.ply: ",)),
-    "mesh": (text_of("mesh.ply", "ply\n"), ("mesh.ply: ",)),
-    "array": (text_of("array.json", "{}"), ("array.json: .*'source'", *["array.json: "] * 5)),
+    "method": (described("[methods.2fks]\ntolerance = 1e-3"), ("capture.toml '2fks' '2fsk'",)),
+    "contains": (described('contains = ["photos", "no"]'), (": photos", ": no")),
+    "outside": (described('contains = ["../secret"]'), ("'../secret'",)),
+    "box": (described("box_m = [1, 1, 1, 0, 0, 0]"), ("capture.toml 'box_m'",)),
+    "box in mm": (described("box_m = [-50, -50, 10, 50, 50, 90]"), ("capture.toml: warning:",)),
+    "target": (described('kind = "target"'), ("target.toml",)),
+    "no echoes": (lambda folder: (folder / "echoes.h5").unlink(), ("echoes.h5:",)),
+    "echoes": (cut("echoes.h5"), ("echoes.h5:",)),
+    "truth": (cut("truth.ply"), ("truth.ply:",)),
+    "array": (text_of("array.json", "{}"), ("array.json: 'source'",)),
     "transform": (
         text_of("radar_from_photo.json", '{"from": 1,\n "to" 2}'),
-        ("radar_from_.*line 2",),
+        ("radar_from_photo.json: line 2",),
     ),
-    "millimetres": (carried(FAR), ("radar_from_photo.json: warning: it moves points by 400 m",)),
-    "behind": (carried(BEHIND), ("radar_from_photo.json: warning: .*inverse transform",)),
+    "millimetres": (carried(FAR), ("radar_from_photo.json: warning: 400 m",)),
+    "behind": (carried(BEHIND), ("radar_from_photo.json: warning: inverse",)),
     "photos": (
         text_of("photos/board.toml", "[[marker]]\nid = 1\n"),
-        ("photos: .*only 0", "photos/board.toml: "),
+        ("photos: 0", "photos/board.toml:"),
     ),
     "cameras": (
         text_of("photos/cameras.json", '{"cameras": [{"nome": "b.jpg"}]}'),
-        ("photos: .*only 0", "photos/cameras.json: unknown key 'cameras.0.nome'"),
+        ("photos/cameras.json: 'cameras.0.nome'",),
     ),
 }
 
@@ -128,45 +115,41 @@ CAPTURES: dict[str, tuple[Change, tuple[str, ...]]] = {
 @pytest.mark.parametrize(("change", "places"), CAPTURES.values(), ids=CAPTURES)
 def test_a_problem_of_a_capture_is_named_with_its_file(tmp_path, change, places):
     change(folder := make_capture(tmp_path / "a"))
-    found = found_in(folder)
-    assert all(any(re.match(place, line) for line in found) for place in places), found
+    named(folder, *places)
 
 
 BENCHES = {
-    "keys": ('sead = 3\n[[capture]]\npath = "a"', "", ("b.toml: unknown key 'sead'.*'seed'",)),
+    "keys": ('sead = 3\n[[capture]]\npath = "a"', "", ("b.toml: 'sead' 'seed'",)),
     "captures": (
         "".join(f'[[capture]]\npath = "{path}"\n' for path in ("a", "again", "../a", "missing")),
         "",
-        ("b.toml: .*two captures are named 'ball'|b.toml: two.*'ball'", r".*'\.\./a'", "missing: "),
+        ("b.toml: 'ball'", "b.toml: '../a'", "missing:"),
     ),
-    "scene": ('[[capture]]\nscene = "scene.toml"', "", ("scene.toml: .*'target.edge'",)),
+    "scene": ('[[capture]]\nscene = "scene.toml"', "", ("scene.toml: 'target.edge'",)),
     "methods": (
         '[[capture]]\npath = "a"',
         '[[method]]\nid = "3fks"\n[[method]]\nid = "narrowband"\nconfig = {drop = 1, thin = 2}\n',
-        ("b.toml: .*'3fks'.*'3fsk'", "b.toml: .*'narrowband'.*'drop'", "b.toml: .*'thin'"),
+        ("b.toml: '3fks' '3fsk'", "b.toml: 'narrowband' 'drop'", "b.toml: 'thin'"),
     ),
     "tones": (
         '[[capture]]\nscene = "two.toml"\n[[capture]]\npath = "a"',
         '[[method]]\nid = "3fsk"\n[[method]]\nid = "2fsk"\nconfig = {tones_hz = [60e9, 60.2e9]}\n',
-        (
-            "b.toml: capture 's' with method '3fsk': .*79.5000 GHz",
-            *(f"b.toml: capture '{name}' with method '2fsk': .*60.0" for name in ("s", "ball")),
-        ),
+        ("b.toml: 's' '3fsk' 79.5000", "b.toml: 's' '2fsk' 60.0", "b.toml: 'ball' '2fsk' 60.0"),
     ),
     "frames": (
         '[[capture]]\npath = "a"',
         '[[method]]\nid = "2fsk"\nprecision = true\n',
-        ("b.toml: capture 'ball' with method '2fsk': frame 9",),
+        ("b.toml: 'ball' '2fsk' frame 9",),
     ),
     "maps": (
         '[[capture]]\npath = "a"',
         '[[method]]\nid = "mine"\nmaps = "again"\n',
-        ("b.toml: capture 'ball' with method 'mine': .*ball.npz",),
+        ("b.toml: 'ball' 'mine' ball.npz",),
     ),
     "calibration": (
         '[[capture]]\npath = "a"\n[calibration]\npath = "a"',
         "",
-        ("b.toml: .*calibration.*target.toml, photos",),
+        ("b.toml: target.toml, photos",),
     ),
 }
 
@@ -181,11 +164,11 @@ def test_every_problem_of_a_benchmark(tmp_path, captures, methods, places):
     (base / "two.toml").write_text(f"{scene}[sensor]\nsweep = []\ntones_hz = [82e9, 81.8e9]\n")
     methods = methods or '[[method]]\nid = "2fsk"\n'
     (base / "b.toml").write_text(f'version = 1\nname = "b"\n{captures}\n{methods}')
-    same(found_in(base / "b.toml"), *places)
+    assert len(named(base / "b.toml", *places)) == len(places)
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "words"),
+    ("name", "content", "place"),
     [
         ("a.json", json.dumps({"cameras": [{"name": "a.jpg"}]}), "cameras.0"),
         ("a.json", json.dumps({"format": "handbench-array", "tx": {}}), "tx"),
@@ -196,64 +179,48 @@ def test_every_problem_of_a_benchmark(tmp_path, captures, methods, places):
         ("a.npz", "PK", "npz"),
     ],
 )
-def test_a_file_is_read_as_what_its_name_and_its_keys_say(tmp_path, name, content, words):
+def test_a_file_is_read_as_what_its_name_and_its_keys_say(tmp_path, name, content, place):
     (tmp_path / name).write_text(content)
-    found = found_in(tmp_path / name)
-    assert found and any(words in line for line in found)
+    named(tmp_path / name, place)
 
 
 @pytest.mark.parametrize(
-    ("kept", "words"),
-    [
-        (np.s_[:], ()),
-        (np.s_[:, ::-1], (r"a.ply: warning: .*inside out",)),
-        (np.s_[:2], (r"a.ply: warning: .*only one triangle",)),
-    ],
+    ("kept", "words"), [(np.s_[:], ""), (np.s_[:, ::-1], "inside out"), (np.s_[:2], "one triangle")]
 )
 def test_a_mesh_inside_out_or_full_of_holes_is_warned_of(tmp_path, kept, words):
     corners_m = 0.1 * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)])
     outside = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
     write_mesh(tmp_path / "a.ply", mesh(corners_m, outside[kept]))
-    same(found_in(tmp_path / "a.ply"), *words)
+    assert len(named(tmp_path / "a.ply", words)) == bool(words)
 
 
 def test_photographs_are_compared_with_their_cameras_and_their_board(tmp_path):
-    photos = {"cameras": 3, "width": 900, "height": 600}
+    photos = {"cameras": 3, "width": 600, "height": 400}
     scene = {"version": 1, "name": "ball", "target": {"kind": "sphere"}, "photos": photos}
     write_photos(build(parse(SceneFile, scene, "the ball")), tmp_path)
     folder = tmp_path / "photos"
     (folder / "truth_cameras.json").unlink()
-    assert found_in(folder) == []
+    assert named(folder) == []
     file, board = folder / "cameras.json", folder / "board.toml"
     right = file.read_text()
     turned = {"width": "height", "height": "width"}
     file.write_text(re.sub("width|height", lambda name: turned[name[0]], right))
-    same(found_in(folder), "cameras.json: .*is for 600 × 900 pixels")
+    assert len(named(folder, "cameras.json: 400 × 600")) == 1
     file.write_text(right)
     content = tomllib.loads(board.read_text())
     for marker in content["marker"]:
         marker["corners_m"] = (10 * np.array(marker["corners_m"])).tolist()
     board.write_text(tomlkit.dumps(content))
-    same(found_in(folder), "board.toml: warning: .*m from the board")
+    assert len(named(folder, "board.toml: warning:")) == 1
 
 
-def test_the_command_counts_and_fails_and_wraps_on_a_terminal(
-    tmp_path, small_bench, capsys, monkeypatch
-):
+def test_the_command_counts_and_fails(tmp_path, small_bench, capsys):
     scene = small_bench.parent / "ball.toml"
     show([str(small_bench), str(scene), "paper_table", "moving_hands"])
-    assert capsys.readouterr().out.count(": no problem found\n") == 4
+    assert capsys.readouterr().out.count("\n") == 4
     for number in range(6):
         folder = make_capture(tmp_path / "data" / f"c{number}", name=f"c{number // 2}")
         if number % 5 == 0:
             (folder / "truth.ply").write_bytes(b"")
-    with pytest.raises(HandbenchError, match="inspect: 2 problems, 3 warnings, 1 input"):
-        show([str(tmp_path / "data")])
+    refuse(lambda: show([str(tmp_path / "data")]), "2 problems", "3 warnings", "1 input")
     assert capsys.readouterr().out.count("\n") == 5
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(HandbenchError):
-        show(["data"])
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) > 5 and max(map(len, lines)) <= 80
