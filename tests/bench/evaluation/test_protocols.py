@@ -11,15 +11,14 @@ from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import METRICS, figures
 from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
 from handbench.bench.evaluation.tables import SCORES, frame
-from handbench.support.errors import HandbenchError
+from tests.refusals import refuse
 
 AXIS_M = 2.5e-3 * np.arange(24)
 PLATE_M = np.full((24, 24), 0.3)
 
 
 def test_an_unknown_protocol_names_the_nearest():
-    with pytest.raises(HandbenchError, match="maroon"):
-        protocol("marron")
+    refuse(lambda: protocol("marron"), "'marron'", "maroon")
 
 
 @pytest.mark.parametrize("chosen", PROTOCOLS.values(), ids=PROTOCOLS)
@@ -29,8 +28,9 @@ def test_the_table_holds_the_protocols_metrics(chosen):
     lines = [("B", "3fsk", "truth", "", frame, *v) for v in values.items() for frame in range(2)]
     lines += [("P", "3fsk", "", "", n, STRONGEST, 0.3 + 1e-3 * n) for n in range(2)]
     lines += [("P", "3fsk", "", "", 0, PER_PIXEL, 1.0), ("B", "3fsk", "", "", 0, "seconds", 0.1)]
-    table = main_table(frame(SCORES, lines), chosen, seed=0, with_paper=False)
-    values = table.set_index("metric").value
+    scores = frame(SCORES, lines)
+    plain, beside = (main_table(scores, chosen, 0, with_paper=paper) for paper in (False, True))
+    values = plain.set_index("metric").value
     assert set(values.index) == set(chosen.metrics)
     assert values["mae_mm"] == pytest.approx(1, abs=1e-9)
-    assert table.paper.isna().all()
+    assert plain.paper.isna().all() and beside.set_index("metric").paper["mae_mm"] == 1.7

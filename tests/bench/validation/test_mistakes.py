@@ -112,8 +112,8 @@ def test_a_mistake_in_the_echoes_is_named_with_its_cure(right, tmp_path, change,
 CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
 BANDS_HZ = {
     "wide": np.linspace(72e9, 82e9, 32),
-    "26 GHz": np.linspace(22e9, 26e9, 41),
-    "narrow": np.linspace(24e9, 24.12e9, 16),
+    "26 GHz": np.linspace(22e9, 26e9, 11),
+    "narrow": np.linspace(24e9, 24.12e9, 8),
     "few": np.array([82e9, 81.8e9, 79.5e9]),
 }
 
@@ -127,7 +127,7 @@ BANDS_HZ = {
 )
 def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(tones_hz):
     draw = np.random.default_rng(2)
-    for number in range(4):
+    for number in range(3):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
         points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m
         capture = points_before(CROSS, tones_hz, points_m + [0, 0, distance_m])
@@ -139,12 +139,12 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(tones_hz):
 
 def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     """The scan is of a transceiver that is moved over a square before a point."""
-    point_m, tones_hz = np.array([[-0.03, 0.0, 0.3]]), BANDS_HZ["26 GHz"]
+    point_m, tones_hz = np.array([[-0.03, 0.0, 0.3]]), BANDS_HZ["26 GHz"][::5]
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
-    columns = points_before(array, BANDS_HZ["wide"], point_m)
+    columns = points_before(array, BANDS_HZ["few"], point_m)
     columns.samples[:, :, ::2] = 0
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
-    places_m = np.mgrid[-0.05:0.05:30j, -0.05:0.05:30j, 0:1].reshape(3, -1).T
+    places_m = np.mgrid[-0.05:0.05:10j, -0.05:0.05:10j, 0:1].reshape(3, -1).T
     path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
     samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)
     scan = RadarCapture(
@@ -165,8 +165,9 @@ def test_a_depth_map_that_fills_the_image_or_is_flagged_is_warned_of():
 
 
 def test_a_run_records_its_warnings_and_the_result_shows_them(right, tmp_path, capsys):
-    plate = written(tmp_path / "all" / "plate", conjugate(right))
-    bench, out = tmp_path / "all" / "bench.toml", tmp_path / "out"
+    few = replace(right, samples=right.samples[:, -3:], frequencies_hz=TONES_HZ[-3:])
+    written(tmp_path / "plate", conjugate(few))
+    bench, out = tmp_path / "bench.toml", tmp_path / "out"
     capture = '[[capture]]\npath = "plate"\nmeasures = ["accuracy"]\n'
     bench.write_text(f'version = 1\nname = "b"\n{capture}[[method]]\nid = "2fsk"\n')
     for seen in (True, False):  # a resumed run does not look again
@@ -174,5 +175,4 @@ def test_a_run_records_its_warnings_and_the_result_shows_them(right, tmp_path, c
         assert (CONJUGATE in capsys.readouterr().err) == seen
         [warning] = json.loads((out / "result.json").read_text())["facts"]["warnings"]["plate"]
         assert CONJUGATE in warning
-    for place in (out, bench, plate):
-        assert [line for line in inspect(str(place)).lines if CONJUGATE in line]
+    assert [line for line in inspect(str(out)).lines if CONJUGATE in line]
