@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
@@ -62,10 +61,11 @@ class Repetition(NamedTuple):
         return (images * np.exp(log)).astype(images.dtype)
 
 
-def repetition(capture: RadarCapture, tones_hz: ArrayLike) -> Repetition:
-    """Find the first of a method's tones_hz [f] that a capture has measured more than once. Raises
-    HandbenchError if the capture has no times, or no such tone."""
-    index, times_s = capture.tone_index(tones_hz), capture.times_s
+def repetition(capture: RadarCapture, index: np.ndarray) -> Repetition:
+    """Find the first of a method's tones that a capture has measured more than once. index [f]:
+    those of the method's tones in the capture. Raises HandbenchError if the capture has no times,
+    or no such tone."""
+    times_s = capture.times_s
     without = "or use the method with doppler=False"
     if times_s is None:
         raise HandbenchError(

@@ -29,7 +29,7 @@ def require_evidence(capture: RadarCapture, config: MethodSettings, frame: int =
     """
     index = capture.tone_index(config.frequencies_hz)
     if getattr(config, "doppler", False):
-        index = np.append(index, repetition(capture, config.frequencies_hz).measured[1:])
+        index = np.append(index, repetition(capture, index).measured[1:])
     samples = capture.samples[frame]
     if not samples.any():
         return

@@ -190,7 +190,7 @@ class FskEchoes(NamedTuple):
         HandbenchError if a tone was not measured, or, for velocities, none twice."""
         index, repeated = capture.tone_index(config.tones_hz), None
         if config.doppler:
-            repeated = repetition(capture, config.tones_hz)
+            repeated = repetition(capture, index)
             index = np.append(index, repeated.measured)
         if config.first_depth_m == "auto":
             config = config.model_copy(update={"first_depth_m": first_depth_m(capture, frame)})
