@@ -13,8 +13,8 @@ from handbench.support.config import parse
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    photos = {"cameras": 2, "width": 1200, "height": 800}
-    target = {"kind": "sphere", "edge_m": 1.5e-3}
+    photos = {"cameras": 2, "width": 900, "height": 600}
+    target = {"kind": "sphere", "edge_m": 4e-3}
     values = {"version": 1, "name": "t", "seed": 5, "photos": photos, "target": target}
     return build(parse(SceneFile, values, "test"))
 
