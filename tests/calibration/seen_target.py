@@ -52,11 +52,7 @@ def cap(rng: np.random.Generator, radius_m: float, part: float, density_m2: floa
     )
 
 
-def pairs_of(source: Sequence[Candidate], target: Sequence[Candidate]) -> Pairs:
-    """The centres of both sensors, pair by pair: pair 1, pair 2 …"""
-    return Pairs.of(source, target, [f"pair {i + 1}" for i in range(len(source))])
-
-
 def align(source: Sequence[Candidate], target: Sequence[Candidate]) -> Transform:
     """The motion that carries source centres to target centres, pair by pair; see `solve`."""
-    return solve(pairs_of(source, target))
+    names = [f"pair {i + 1}" for i in range(len(source))]
+    return solve(Pairs.of(source, target, names))
