@@ -115,14 +115,12 @@ def noisy_model(
             return exact + random.normal(0, noise * noise_px, exact.shape)
 
         pixels = noisy(look(points_m), FEATURE_PX)
-        seen = [k for k in range(points) if seen_by is None or (i - k) % views < seen_by]
-        for place, k in enumerate(seen):
-            tracks[k].append(colmap.TrackElement(i + 1, place))
+        for k, track in enumerate(tracks):
+            if seen_by is None or (i - k) % views < seen_by:
+                track.append(colmap.TrackElement(i + 1, k))
         turn = Rotation.from_rotvec(random.normal(0, off, 3)).as_matrix()
         start = colmap.Rigid3d(colmap.Rotation3d(turn @ R), t + random.normal(0, off / 3, 3))
-        image = colmap.Image(
-            name, [colmap.Point2D(pixels[k]) for k in seen], camera.camera_id, i + 1
-        )
+        image = colmap.Image(name, [*map(colmap.Point2D, pixels)], camera.camera_id, i + 1)
         model.add_image_with_trivial_frame(image, start)
         poses[name] = (R, t)
         corners[name] = {

@@ -1,5 +1,4 @@
-"""Small photographs of a textured corner of a room, three planes at right angles, by casting a ray
-per pixel."""
+"""Small photographs of a textured corner of a room, three planes at right angles."""
 
 from functools import cache
 
@@ -32,30 +31,17 @@ def _texture(seed):
     return (0.5 + 0.18 * pattern / pattern.std()).clip(0, 1).astype(np.float32)
 
 
-def look(centre_m, towards_m=(0.0, 0.0, 0.0), size=(400, 300), room=0):
-    """8-bit picture [height, width] of room number `room` (its corner is the origin, it fills x, y,
-    z > 0)."""
-    width, height = size
-    u, v = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
-    R = camera_rotation(np.subtract(towards_m, centre_m))
-    rays = np.stack([u, v, np.full(u.shape, FOCAL_PER_WIDTH * max(size))], axis=-1) @ R
-    with np.errstate(divide="ignore"):
-        reach = np.where(
-            rays < 0, -np.array(centre_m) / rays, np.inf
-        )  # of the planes x = 0, y = 0, z = 0
-    plane = reach.argmin(axis=-1)
-    points_m = centre_m + rays * reach.min(axis=-1)[..., None]
-    picture = np.zeros(u.shape, dtype=np.float32)
+def look(centre_m, size=(400, 300), room=0):
+    """8-bit picture [height, width] of room number `room`, whose corner is the origin and which
+    fills x, y, z > 0, from a place that looks at the corner: no part of a wall hides another."""
+    f = FOCAL_PER_WIDTH * max(size)
+    K = np.array([[f, 0, size[0] / 2 - 0.5], [0, f, size[1] / 2 - 0.5], [0, 0, 1]])
+    R, texel_m = camera_rotation(-np.array(centre_m)), SIDE_M / TEXELS
+    picture = np.random.default_rng(int(1e3 * sum(centre_m))).normal(0, 0.01, size[::-1])
     for axis in range(3):
-        a, b = np.moveaxis(np.delete(points_m, axis, axis=-1) / SIDE_M * TEXELS, -1, 0).astype(
-            np.float32
-        )
-        seen = cv2.remap(
-            _texture(10 * room + axis), a, b, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT
-        )
-        picture = np.where(plane == axis, seen, picture)
-    noise = np.random.default_rng(int(1e3 * sum(centre_m))).normal(0, 0.01, picture.shape)
-    return ((picture + noise).clip(0, 1) * 255).round().astype(np.uint8)
+        to_camera = np.c_[texel_m * np.delete(R, axis, axis=1), -R @ centre_m]
+        picture += cv2.warpPerspective(_texture(10 * room + axis), K @ to_camera, size)
+    return (picture.clip(0, 1) * 255).round().astype(np.uint8)
 
 
 def around(count, spread_rad=0.6, distance_m=1.2):

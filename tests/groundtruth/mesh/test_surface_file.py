@@ -25,16 +25,12 @@ def test_everything_comes_back(tmp_path):
     ("columns", "observed", "sigma_m"),
     [
         ({}, [True] * 4, [np.nan] * 4),
-        ({"observed": np.array([1, -1, 0, 1])}, [True, False, False, True], [np.nan] * 4),
+        ({"observed": np.array([1, -1, 0, 1], "i4")}, [True, False, False, True], [np.nan] * 4),
         ({"sigma_m": np.array([1e-5, 2e-5, 3e-5, 0])}, [True] * 4, [1e-5, 2e-5, 3e-5, 0]),
     ],
 )
 def test_one_of_the_two_is_enough_and_of_any_type(tmp_path, columns, observed, sigma_m):
     """What is not plainly seen was not; a mesh that says nothing was seen everywhere."""
-    columns = {
-        name: column.astype("i4" if name == "observed" else "f8")
-        for name, column in columns.items()
-    }
     write_ply(tmp_path / "a.ply", by_axis(VERTICES_M) | columns, FACES)
     found = read_surface(tmp_path / "a.ply")
     assert found.observed.tolist() == observed
