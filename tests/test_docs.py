@@ -1,5 +1,5 @@
-"""The documentation's commands are known, its links lead somewhere, its figures say what makes
-them, its files are valid; and two conventions that no other test holds."""
+"""The documentation's commands are known, its links lead somewhere, its files are valid; and two
+conventions that no other test holds."""
 
 from __future__ import annotations
 
@@ -66,13 +66,6 @@ def headings(page: Path) -> set[str]:
     """The anchors of a page's headings, as GitHub makes them."""
     lines = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text("utf-8")), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", line.lower()).replace(" ", "-") for line in lines}
-
-
-@every_page
-def test_every_figure_says_what_makes_it(page):
-    _, *parts = re.split(r"!\[[^\]]*\]\([^)]+\)", page.read_text("utf-8"))
-    for after in parts:
-        assert re.search(r"figures? (?:is|are|was) made\s+by|makes this figure", after), after[:200]
 
 
 @every_page
