@@ -23,7 +23,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
 
-TONES_HZ = np.r_[np.linspace(72e9, 82e9, 24), 81.8e9, 79.5e9]
+TONES_HZ = np.r_[np.linspace(72e9, 82e9, 8), 81.8e9, 79.5e9]
 CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
 Z_M = 0.29
 ONE = np.eye(3)
