@@ -71,11 +71,6 @@ def test_blocks(body, flat):
         assert convex_block(Body(vertices_m, body.faces)) == flat
 
 
-def test_what_the_scene_lacks_is_off_and_reported():
-    rows = {row.effect: row for row in choose(bead_scene(), "auto")}
-    assert not rows["noise"].on and "[noise]" in rows["noise"].why
-
-
 @pytest.mark.parametrize(
     ("names", "places"),
     [

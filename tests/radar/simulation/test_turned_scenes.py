@@ -13,13 +13,13 @@ from scipy.stats import ortho_group
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.simulation.forward import Scatterers, Sight, simulate
+from handbench.radar.simulation.forward import Scatterers, simulate
 from tests.radar.samples import relative_error
 
 pytestmark = pytest.mark.usefixtures("planned")
 
 KINDS = (
-    "facets", "points", "facets together", "points together", "near", "pattern", "partly seen",
+    "facets", "points", "facets together", "points together", "near", "pattern",
     "oblique", "flat array",
 )  # fmt: skip
 # The worst that a search of thousands has found: boxes once carried too few antennas for the gains
@@ -31,27 +31,15 @@ WORST_TOGETHER = product([25, 4, 5, 0, 8], ["facets together", "points together"
 def plain_sum(facets, tones_hz, array, pattern):
     """Samples [f, t, r] by the formula as it stands, in float64."""
     legs = []
-    for i, leg in enumerate(array.legs):
+    for leg in array.legs:
         towards_m = leg.position_m[:, None] - facets.position_m
         way_m = np.linalg.norm(towards_m, axis=2)
         gain = np.maximum(-towards_m[:, :, 2] / way_m, 0) ** pattern / way_m
         if facets.normal is not None:
             gain *= np.sqrt(np.maximum((towards_m * facets.normal).sum(axis=2) / way_m, 0))
-        if facets.sight is not None:
-            gain *= facets.sight.tables[i][:, 0].real.T
         turns = tones_hz[:, None, None] / SPEED_OF_LIGHT_M_S * way_m
         legs.append(gain * np.exp(-2j * np.pi * turns))
     return np.einsum("ftp,frp,p->ftr", *legs, facets.weight, optimize=True)
-
-
-def hidden(*seen: np.ndarray) -> Sight:
-    """Each antenna of either leg sees some points [a, p] and others not."""
-    corner = np.stack([np.arange(seen[0].shape[1])] * 3, axis=1)
-    tables = tuple(np.zeros((len(corner), 3, len(mask)), np.complex64) for mask in seen)
-    for table, mask in zip(tables, seen, strict=True):
-        table[:, 0] = mask.T
-    share = np.tile([1.0, 0, 0], (len(corner), 1))
-    return Sight(corner, share, tables, tuple(np.eye(len(mask)) for mask in seen))
 
 
 def scene_of(seed: int, kind: str, turned: bool):
@@ -62,15 +50,12 @@ def scene_of(seed: int, kind: str, turned: bool):
     tones_hz, normal = generator.uniform(70e9, 85e9, 6), generator.normal([0, 0, -1], 0.3, (60, 3))
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     weight, scale, middle_m, pattern = generator.uniform(0.5, 1, 60), 1.0, 0.25, 0.0
-    sight = None
     if "together" in kind:
         scale, middle_m = generator.uniform(1e-3, 0.04), generator.uniform(0.2, 0.3)
     elif kind == "near":  # from 5 to 10 cm before the array's foremost antenna
         scale, middle_m = 0.5, 0.07 + 0.075
     elif kind == "pattern":
         pattern = generator.uniform(0.5, 4)
-    elif kind == "partly seen":
-        sight = hidden(*(generator.random((n, 60)) < 0.8 for n in (9, 8)))
     elif kind == "oblique":  # all turned by the same angle, far from the array
         tilt = generator.uniform(0.8, 1.5)
         normal = np.tile([np.sin(tilt), 0, -np.cos(tilt)], (60, 1))
@@ -87,7 +72,7 @@ def scene_of(seed: int, kind: str, turned: bool):
     antennas_m, points_m = (places_m @ turn.T + shift_m for places_m in (antennas_m, points_m))
     normal = None if "points" in kind else normal @ turn.T
     array = AntennaArray(antennas_m[:9], antennas_m[9:])
-    return Scatterers(points_m, weight, normal, sight), tones_hz, array, pattern
+    return Scatterers(points_m, weight, normal), tones_hz, array, pattern
 
 
 @pytest.mark.parametrize(

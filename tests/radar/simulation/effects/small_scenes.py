@@ -47,15 +47,15 @@ def simulated(scene: EchoScene, *effects: str, frames: int = 1, **options) -> Si
     return simulate_scene(scene, choose(scene, effects), frames, **options)
 
 
-def depth_shift_m(before, after, low: int = 0, high: int = 2) -> float:
-    """How far the bead's FSK depth between two tones is behind that of another capture."""
+def depth_shift_m(before, after) -> float:
+    """How far the bead's depth by the first and the last tone is behind that of another capture."""
     products = []
     for capture in (before, after):
         points = capture.aperture, NEAR_SIDE_M
         images = image_points(capture.samples[0], TONES_HZ, *points, None, per_tone=True)[:, 0]
-        products.append(images[high] * images[low].conj())
+        products.append(images[-1] * images[0].conj())
     turned = np.angle(products[1] * products[0].conj())
-    return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[high] - TONES_HZ[low]))
+    return -SPEED_OF_LIGHT_M_S * turned / (4 * np.pi * (TONES_HZ[-1] - TONES_HZ[0]))
 
 
 def shaped(scene: EchoScene, *effects, **options) -> Echoes:

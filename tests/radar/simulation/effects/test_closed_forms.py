@@ -58,15 +58,6 @@ def test_facets_sum_to_the_integral_of_physical_optics(sphere):
     assert np.abs(optics / integral - 1)[ka <= 10].max() < 1e-3
 
 
-def test_physical_optics_approaches_mie_as_one_over_ka(sphere):
-    """Both go to πa²; of what they differ by, the terminator of physical optics is the largest
-    part: |2/x| in power. Resonance is not physical optics."""
-    ka, optics, _, mie = sphere
-    for low, high, most_db in ((20, 30, 0.4), (30, 60, 0.25)):
-        assert np.abs(db(optics / mie))[(ka >= low) & (ka <= high)].max() < most_db
-    assert np.abs(db(optics / mie))[ka < 2].max() > 3
-
-
 def test_a_plate_has_its_sinc_pattern_down_to_30_db():
     """Of ten wavelengths: 4πA²/λ² (cos θ · sinc(kL sin θ))². Facets of λ/8 stand for points:
     (2π·sin 25°/4)²/24 = 1.8 % of the amplitude, 0.16 dB, at the outermost lobe."""
