@@ -40,12 +40,11 @@ def missed(point_m, *legs_m: np.ndarray) -> float:
     )
 
 
-def echoes(points_m, weight=None, frequencies_hz=ALL_HZ, array=None) -> np.ndarray:
-    """Samples complex128 [f, t, r] of points [n, 3] with a weight each (1), before the small array
-    or another."""
-    points_m = np.atleast_2d(points_m)
-    weight = np.ones(len(points_m)) if weight is None else weight
-    return direct_echoes(points_m, weight, np.asarray(frequencies_hz), array or small_array())
+def echoes(points_m, frequencies_hz=ALL_HZ, array=None) -> np.ndarray:
+    """Samples complex128 [f, t, r] of points [n, 3] that scatter equally, before the small array or
+    another."""
+    points_m, array = np.atleast_2d(points_m), array or small_array()
+    return direct_echoes(points_m, np.ones(len(points_m)), np.asarray(frequencies_hz), array)
 
 
 def capture(samples, frequencies_hz=ALL_HZ, array=None) -> RadarCapture:
@@ -55,8 +54,8 @@ def capture(samples, frequencies_hz=ALL_HZ, array=None) -> RadarCapture:
 
 
 def recorded(points_m, frequencies_hz=ALL_HZ, array=None) -> RadarCapture:
-    """Capture of points [n, 3] that scatter equally."""
-    return capture(echoes(points_m, None, frequencies_hz, array), frequencies_hz, array)
+    """Capture of such points."""
+    return capture(echoes(points_m, frequencies_hz, array), frequencies_hz, array)
 
 
 def depth_map(id: str, taken: RadarCapture, half_m: float = HALF_M, **values) -> DepthMap:

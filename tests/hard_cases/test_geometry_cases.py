@@ -61,7 +61,7 @@ def imaged(promised):
     """Assert that images of points are as near as was asked; draws: of samples over which the error
     is taken, for few points need many."""
 
-    def check(points_m, array=PLATE, tones_hz=TONES_HZ, draws=6, **asked):
+    def check(points_m, array=PLATE, tones_hz=TONES_HZ, draws=3, **asked):
         samples = [noise((len(tones_hz), *array.channels), n) for n in range(draws)]
         expected = images(np.array(samples), array, tones_hz, points_m)
         range_m = np.ptp([*points_m, *array.tx_m], axis=0).max()
@@ -121,7 +121,7 @@ def test_images_far_from_the_origin(way, offset_m, imaged):
 )
 def test_images_at_long_ranges(range_m, half_m, imaged):
     """Whose phase is 10⁴ to 10⁹ turns."""
-    imaged(cloud(range_m, half_m), draws=12)
+    imaged(cloud(range_m, half_m), draws=6)
 
 
 @pytest.mark.parametrize(

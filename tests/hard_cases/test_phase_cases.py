@@ -170,7 +170,7 @@ def test_of_two_equal_maxima_the_brighter_is_right(apart_mm, within):
     along = np.arange(-0.024, 0.0241, 0.001)
     first = PixelGrid(along, along).points_m(0.45).reshape(-1, 3)
     points = np.array([[-0.02, 0, 0.28], [0.02, 0, 0.28 + apart_mm / 1000]])
-    alone = [echoes(point, None, LADDER_HZ, qar50()).astype(np.complex64) for point in points]
+    alone = [echoes(point, LADDER_HZ, qar50()).astype(np.complex64) for point in points]
 
     def amplitudes(samples, points_m):
         return np.abs(exact_images(samples, np.array(LADDER_HZ), qar50(), points_m, per_tone=True))
