@@ -111,7 +111,10 @@ def edges_of(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
     The rims of an open mesh are left out. Raises HandbenchError for a closed mesh with normals
     inwards."""
-    directed = body.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    # one number for each place: the sides of a box have corners of their own
+    _, first, same = np.unique(body.vertices_m, axis=0, return_index=True, return_inverse=True)
+    faces = first[same.reshape(-1)][body.faces]
+    directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     low, high = np.sort(directed, axis=1).T.astype(np.int64)
     key = low * len(body.vertices_m) + high
     order = np.argsort(key, kind="stable")

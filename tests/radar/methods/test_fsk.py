@@ -112,23 +112,27 @@ def test_2fsk_corrects_the_plane_as_often_as_configured(corrections):
     assert corrections == 1 or planes_m[2] == pytest.approx(POINTS_M[1, 2], abs=0.001)
 
 
-def test_3fsk_is_the_papers_iteration_written_out():
+@pytest.mark.parametrize("refinements", [1, 2])
+def test_3fsk_is_the_papers_iteration_written_out(refinements):
     capture = points_capture(surface_points(bumpy, 0.015, 0.001), phase_noise_rad=0.0264)
     pair = Fsk(tones_hz=PAIR_HZ, filter_px=1, **around((0, 0)))
     coarse = fsk_with_uncertainty(capture, pair)
-    on_target, z_m = np.isfinite(coarse.z_m), masked_mean(coarse.z_m, 3)
-    x, y = np.meshgrid(coarse.x_m, coarse.y_m)
-    points_m = np.stack([x, y, z_m], axis=-1)[on_target]
-    o1, o2, o3 = direct_sum(capture.samples[0], TONES_HZ, qar50(), points_m, apart=True)
+    on_target = np.isfinite(coarse.z_m)
+    x, y = (axis[on_target] for axis in np.meshgrid(coarse.x_m, coarse.y_m))
+    z_m = masked_mean(coarse.z_m, 3)[on_target]
     f1, f2, f3 = TONES_HZ
-    from_f1 = -C * np.angle(o1 * np.conj(o3)) / (4 * np.pi * (f1 - f3))
-    from_f2 = -C * np.angle(o2 * np.conj(o3)) / (4 * np.pi * (f2 - f3))
-    expected_m = z_m[on_target] + (from_f1 + from_f2) / 2
-    depth, (_, step) = fsk(capture, Fsk(**around((0, 0)), filter_px=3))
+    for _ in range(refinements):
+        points_m = np.stack([x, y, z_m], axis=-1)
+        o1, o2, o3 = direct_sum(capture.samples[0], TONES_HZ, qar50(), points_m, apart=True)
+        from_f1 = -C * np.angle(o1 * np.conj(o3)) / (4 * np.pi * (f1 - f3))
+        from_f2 = -C * np.angle(o2 * np.conj(o3)) / (4 * np.pi * (f2 - f3))
+        z_m = z_m + (from_f1 + from_f2) / 2
+    config = Fsk(**around((0, 0)), filter_px=3, refinements=refinements)
+    depth, (_, *steps) = fsk(capture, config)
     # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5
-    # µm.
-    np.testing.assert_allclose(step.z_m[on_target], expected_m, rtol=0, atol=5e-7)
-    np.testing.assert_array_equal(depth.z_m, masked_mean(step.z_m, 3))
+    # µm a step.
+    np.testing.assert_allclose(steps[-1].z_m[on_target], z_m, rtol=0, atol=5e-7 * refinements)
+    np.testing.assert_array_equal(depth.z_m, masked_mean(steps[-1].z_m, 3))
 
 
 @pytest.mark.parametrize("first_depth_m", [0.1, 0.45, 0.6, 0.7, 0.9])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc
 
+from handbench.bench.scenes.stand import cuboid
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.effects.clutter import room_echoes
 from handbench.radar.simulation.effects.target_surface import obliquity, shadow
@@ -18,7 +19,7 @@ from handbench.radar.simulation.physics.shadows import (
     visible_outline,
 )
 from handbench.radar.simulation.scene import Body, EchoScene
-from handbench.support.rays import Rays, load_open3d
+from handbench.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, joined, plate, sphere_body
 from tests.radar.simulation.effects.small_scenes import shaped
@@ -49,8 +50,7 @@ def test_a_straight_edge_is_fresnel_s_knife_edge(behind_m):
     """½ erfc(√(jkδ)) in the shadow of a screen x < 0, with the detour δ past its edge, and 1 less
     that in sight. Waves fade from kδ = 10 on."""
     edge_m, turns_per_m = 0.25, 80e9 / SPEED_OF_LIGHT_M_S
-    box = load_open3d().geometry.TriangleMesh.create_box(0.2, 0.2, 1e-3).subdivide_midpoint(7)
-    screen = Body(np.asarray(box.vertices) + [-0.2, -0.1, edge_m], np.asarray(box.triangles))
+    screen = Body(*cuboid(np.array([[-0.2, -0.1, edge_m], [0, 0.1, edge_m + 1e-3]]), 2e-3))
     far_m, k = edge_m + behind_m, 2 * np.pi * turns_per_m
     angle = np.linspace(-1, 1, 101)[np.arange(101) != 50]
     x_m = angle * np.sqrt(2 * 9 / k * behind_m * far_m / edge_m)
