@@ -24,7 +24,7 @@ from handbench.radar.data.grid import VoxelGrid
 from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 
-# of conjugated echoes; conjugating what is right cost 7 dB or more on random scenes of ten kinds
+# of conjugated echoes; of 29 scenes and hands, right ones were sharper by 1 to 22 dB, never blunter
 SHARPER_DB = 3.0
 # at most, of a kind and of a scan: more do not change which is sharpest
 ANTENNAS = 32
@@ -36,8 +36,8 @@ SHALLOW = 0.3
 WIDE = 0.85
 NEAR = 1.0
 FAR = 8.0
-PIXELS = 80
-DEPTHS = 100
+PIXELS = 40
+DEPTHS = 50
 STRONGEST = 1500  # pixels that are compared, at most: those with the largest amplitudes
 GOOD_MM = 1.0  # median error of an image that needs no correction
 NEAR_MM = 3.0  # of a corrected one, at most
