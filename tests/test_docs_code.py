@@ -5,7 +5,6 @@ commands are refused as a page shows refusals."""
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import re
 import shlex
@@ -19,7 +18,7 @@ import pytest
 from handbench.bench.evaluation import metrics
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.methods.registry import METHODS
+from handbench.radar.methods import registry as method_table
 from handbench.radar.simulation.catalogue import Effect
 from handbench.support.config import Config
 from tests.test_docs import DOCS, FENCE, PAGES, ROOT, blocks
@@ -44,9 +43,8 @@ def prepare(page: str, names: dict[str, Any]) -> None:
         corners_m = 0.02 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
         plate = mesh(corners_m + (0.010, -0.020, 0.300), np.array([(0, 2, 1), (0, 3, 2)]))
         write_mesh(Path("mine.ply"), plate)
-    if page == "CONTRIBUTING.md":  # what the files that its blocks are added to import
-        for module in ("handbench.radar.methods.registry", "tests.hard_cases.test_smoothing_cases"):
-            names |= vars(importlib.import_module(module)) | {"__name__": "page"}
+    if page == "CONTRIBUTING.md":  # what the file that its block is added to imports
+        names |= vars(method_table) | {"__name__": "page"}
         names |= {"Config": Config, "Effect": Effect, "Imbalance": object}
         names |= {"Metric": metrics.Metric}
 
@@ -54,10 +52,10 @@ def prepare(page: str, names: dict[str, Any]) -> None:
 @pytest.fixture
 def registry():
     """The table of methods; those that a page adds are gone afterwards."""
-    known = dict(METHODS)
+    known = dict(method_table.METHODS)
     yield
-    METHODS.clear()
-    METHODS.update(known)
+    method_table.METHODS.clear()
+    method_table.METHODS.update(known)
 
 
 @pytest.mark.parametrize(

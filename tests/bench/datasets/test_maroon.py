@@ -22,6 +22,7 @@ from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
+from handbench.radar.imaging.cpu.exact import exact_images
 from handbench.radar.methods.registry import method
 from handbench.support.files import write_json
 from tests.bench.datasets.maroon_writer import (
@@ -35,7 +36,6 @@ from tests.bench.datasets.maroon_writer import (
     save_frame,
     write_maroon,
 )
-from tests.radar.exact import backproject
 from tests.refusals import refuse
 
 
@@ -111,7 +111,8 @@ def test_their_image_of_a_point_is_ours_with_x_negated(mine):
     read = open_capture(mine).echoes(1)
     others_m = theirs_m, PLACE_M * [1, -1, 1], PLACE_M[[1, 0, 2]] * [-1, -1, 1]
     places_m = np.stack([PLACE_M, *others_m])
-    images = np.abs(backproject(read.samples[0], read.frequencies_hz, read.aperture, places_m))
+    whole = (read.samples[0], read.frequencies_hz, read.aperture, places_m)
+    images = np.abs(exact_images(*whole, per_tone=False)[0])
     assert images[0] == pytest.approx(xr[1:95, 1:95].size, rel=1e-5)
     assert images[1:].max() < 0.1 * images[0]
 
