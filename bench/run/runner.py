@@ -120,7 +120,7 @@ def _require_same(folder: Path, config: str, overwrite: bool) -> None:
     if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
         raise HandbenchError(
             f"{folder}: has the results of another configuration; choose another folder, or "
-            "replace them (--overwrite, in Python overwrite=True)"
+            "replace them (--overwrite, in Python overwrite=True), which keeps finished stages"
         )
 
 

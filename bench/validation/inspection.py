@@ -27,7 +27,7 @@ from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.pictures import SUFFIXES
-from handbench.support.progress import print_wrapped, track
+from handbench.support.progress import is_terminal, print_lines, print_wrapped, track
 
 # what reads a file, and the checks of its content: by the end of its name, or by a key in it
 READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[str]], ...]]] = {
@@ -49,17 +49,17 @@ def show(inputs: Sequence[str]) -> None:
     for name in inputs:
         report = inspect(name)
         for line in report.lines or [f"{name}: no problem found"]:
-            if sys.stdout is not None and sys.stdout.isatty():
+            if is_terminal(sys.stdout):
                 print_wrapped(line, "    ")
             else:
-                print(line)
+                print_lines(line)
         counts.update("warning" if warning else "problem" for warning in report.lines.values())
     kinds = [kind for kind in ("problem", "warning", "input") if counts[kind]]
     counted = ", ".join(f"{counts[kind]} {kind}{'s' * (counts[kind] > 1)}" for kind in kinds)
     if counts["problem"]:
         raise HandbenchError(f"inspect: {counted}; correct the problems")
     if counts["warning"]:
-        print(f"{counted}; correct what is not intended")
+        print_lines(f"{counted}; correct what is not intended")
 
 
 def inspect(name: str) -> Report:

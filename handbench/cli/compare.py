@@ -1,9 +1,9 @@
 """`handbench compare`: the differences between the figures of two results."""
 
 import argparse
-import json
 
-from handbench.cli.options import free
+from handbench.cli.options import free_folder
+from handbench.support.progress import print_json
 
 
 def run(options: argparse.Namespace) -> None:
@@ -11,14 +11,14 @@ def run(options: argparse.Namespace) -> None:
     write them into a folder."""
     from handbench.bench.results.compare_results import compare_results
     from handbench.bench.results.result_folder import load
-    from handbench.reports.tables.comparison import show, write
+    from handbench.reports.tables.comparison import WRITTEN, show, write
 
     if options.out is not None:
-        free(options.out / "compare.json", options.overwrite)
+        free_folder(options.out, options.overwrite, WRITTEN)
     compared = compare_results(load(options.a), load(options.b))
     if options.json:
-        print(json.dumps(compared.content(), indent=2))
+        print_json(compared.content())
     else:
-        show(compared)
+        show(compared, options.metric, options.method)
     if options.out is not None:
         write(compared, options.out)

@@ -8,7 +8,7 @@ from statistics import median
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
-from handbench.support.progress import say
+from handbench.support.progress import print_lines, say
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
 SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
@@ -59,11 +59,14 @@ def run(options: argparse.Namespace) -> None:
     terminal(Table("Scored against the true surface", texts.rename_axis("method")))
     facts = machine()
     notes(f"images to {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")
-    print(f"picture: {folder / PICTURE}\nnext:")
-    print(f"  handbench reconstruct {capture} --method joint -o joint.npz")
-    print(f"  handbench evaluate joint.npz --mesh {truth}")
-    print(f"  handbench simulate {folder / SCENE} --explain")
-    print("  handbench list")
+    print_lines(
+        f"picture: {folder / PICTURE}",
+        "next:",
+        f"  handbench reconstruct {capture} --method joint -o joint.npz",
+        f"  handbench evaluate joint.npz --mesh {truth}",
+        f"  handbench simulate {folder / SCENE} --explain",
+        "  handbench list",
+    )
 
 
 def _claim(folder: Path, scene: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +13,15 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal,
-    otherwise as JSON.
+    """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal or
+    with --table, otherwise as JSON, with their definitions only if --json asks for it.
     Warnings are printed first, on stderr."""
     from handbench.bench.datasets.maroon_alignment import load_any_transform
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.validation.checks import MAP, figure_warnings, warnings_of
     from handbench.interface import Capture, Depth
     from handbench.radar.data.depthmap import load_depthmap
-    from handbench.support.progress import say
+    from handbench.support.progress import is_terminal, print_json, say
 
     if options.plot is not None:
         free(options.plot, options.overwrite)
@@ -31,7 +30,9 @@ def run(options: argparse.Namespace) -> None:
     score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
     values = score.values
     warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, values)]
-    about: dict[str, Any] = {"method": depth.method, "definitions": definitions(values)}
+    about: dict[str, Any] = {"method": depth.method}
+    if options.json:
+        about["definitions"] = definitions(values)
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined}"
     for warning in warnings:
@@ -41,8 +42,8 @@ def run(options: argparse.Namespace) -> None:
         from handbench.reports.figures.style import save
 
         save(methods_figure([(depth.method, depth.z_m, score.errors)]), options.plot)
-    if options.json or not sys.stdout.isatty():
-        print(json.dumps(({"warnings": warnings} if warnings else {}) | values | about, indent=2))
+    if options.json or not (options.table or is_terminal(sys.stdout)):
+        print_json(({"warnings": warnings} if warnings else {}) | values | about)
     else:
         _table(f"{options.depth}: {depth.method}", values, about.get("refined"))
 
@@ -57,6 +58,7 @@ def _table(title: str, values: Values, refined: str | None) -> None:
     from handbench.reports.tables.rounding import figure
     from handbench.reports.tables.table import Table
     from handbench.reports.tables.writers import terminal
+    from handbench.support.progress import print_lines
 
     defined = [METRICS[key] for key in values]
     texts = {
@@ -67,4 +69,4 @@ def _table(title: str, values: Values, refined: str | None) -> None:
     titles = pd.Index([metric.title for metric in defined], name="metric")
     terminal(Table(title, pd.DataFrame(texts, titles)), "the output of --json")
     if refined:
-        print(refined)
+        print_lines(refined)

@@ -15,7 +15,7 @@ from handbench.radar.methods.registry import METHODS, Method
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import print_wrapped
+from handbench.support.progress import print_lines, print_wrapped
 
 SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
 TERM = 24  # characters before the meaning of a term, which follows a longer one
@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
             hint = suggest(options.name, list(entries))
             raise HandbenchError(f"list {section}: has no '{options.name}'; {hint}")
     if options.section is None:
-        print("one of them in full: handbench list methods 3fsk")
+        print_lines("one of them in full: handbench list methods 3fsk")
 
 
 def _print_lines(section: str, entries: list[Entry]) -> None:
@@ -54,14 +54,14 @@ def _print_lines(section: str, entries: list[Entry]) -> None:
         max(map(len, texts)) for texts in zip(*(e[:3] for e in entries), strict=True)
     )
     room = min(summary, get_terminal_size().columns - name - note - 6)
-    print(section)
+    print_lines(section)
     for entry in entries:
         text = textwrap.shorten(entry.summary, room, placeholder="…")
-        print(f"  {entry.name:<{name}}  {text:<{room}}  {entry.note}".rstrip())
+        print_lines(f"  {entry.name:<{name}}  {text:<{room}}  {entry.note}".rstrip())
 
 
 def _print_in_full(entry: Entry) -> None:
-    print(f"{entry.name}: {entry.summary}")
+    print_lines(f"{entry.name}: {entry.summary}")
     for term, meaning in entry.details.items():
         print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
 

@@ -3,35 +3,34 @@
 chosen."""
 
 import argparse
-import errno
 import io
 import os
+import signal
 import sys
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib import import_module
 from importlib.metadata import version
 
 from handbench.cli.options import COMMANDS, add_options
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
 
-DISK = {  # errors of a disk that is full, write-protected or gone
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EACCES,
-    errno.ENOENT,
-    errno.ENOTDIR,
-    errno.ESTALE,
-    errno.EIO,
-}
+STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}  # by their numbers 0, 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command of the command line, and return the exit code.
     A known error prints one line on stderr and gives 2; an unknown one keeps its traceback.
     arguments: the words after "handbench"; None: those with which this process was started."""
+    _prepare()
+    try:
+        return _run(arguments)
+    finally:
+        _drain()
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     known = parser()
     if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
         import argcomplete
@@ -42,42 +41,68 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = known.parse_args(arguments)
     code = 2
     try:
+        _require_current_folder()
         with _device(options):
             import_module(f"handbench.cli.{options.module}").run(options)
         sys.stdout.flush()
         return 0
     except BrokenPipeError:
-        _drain()  # the reader went away; so do we
-        return 141
+        return 141  # the reader went away; so do we
     except HandbenchError as error:
         message = str(error)
-    except KeyboardInterrupt:
-        code = 130
+    except KeyboardInterrupt as error:
+        code = 128 + (error.args or (signal.SIGINT,))[0]
         message = "interrupted; no file is half-written, and the same `run` command resumes the run"
     except MemoryError as error:
         message = (
             f"out of memory ({error}); close other programs, or use fewer pixels, tones or frames"
         )
     except OSError as error:
-        if error.errno not in DISK:
+        if error.errno is None:  # a library's own
             raise
-        _drain()
         message = (
             f"{error.filename or 'output or temporary files'}: {error.strerror}; free space on the "
             "disk, choose another place (for temporary files set TMPDIR), or check that the disk "
             "is still connected"
         )
-    print(f"handbench: {message}", file=sys.stderr)
+    say(f"handbench: {message}")
     return code
 
 
-def _drain() -> None:
-    """Discard the output that stdout could not write, so that Python does not try to write it again
-    at exit."""
+def _prepare() -> None:
+    """Have streams that are closed be the null device, so that no file gets their numbers; have
+    SIGTERM and SIGHUP end a command as Ctrl-C does, which removes its temporary files; and draw
+    pictures without windows, whatever MPLBACKEND asks for."""
+    os.environ["MPLBACKEND"] = "agg"
+    for name, mode in STREAMS.items():
+        if getattr(sys, name) is None:
+            stream = open(os.devnull, mode)  # noqa: SIM115  which stays open
+            os.set_inheritable(stream.fileno(), True)
+            setattr(sys, name, stream)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is signal.SIG_DFL:  # nohup has SIGHUP ignored
+            with suppress(ValueError):  # outside the main thread
+                signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, _: object) -> None:
+    raise KeyboardInterrupt(number)
+
+
+def _require_current_folder() -> None:
     try:
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.getcwd()
+    except FileNotFoundError:
+        raise HandbenchError("the current folder has been deleted; change to another one") from None
+
+
+def _drain() -> None:
+    """Discard output that could not be written, so that Python does not try again at exit."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _device(options: argparse.Namespace) -> AbstractContextManager[None]:

@@ -2,6 +2,7 @@
 overwritten by mistake."""
 
 import argparse
+import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -102,8 +103,8 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
 
 
 def free(path: Path, overwrite: bool) -> None:
-    """Raise a HandbenchError if a file or folder exists and may not be overwritten."""
-    if path.exists() and not overwrite:
+    """Raise a HandbenchError if a file, a folder or a link exists and may not be overwritten."""
+    if os.path.lexists(path) and not overwrite:
         raise HandbenchError(
             f"{path}: exists already; choose another place, or replace it (--overwrite, in Python "
             "overwrite=True)"

@@ -3,6 +3,7 @@
 import argparse
 
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import print_lines
 
 
 def run(options: argparse.Namespace) -> None:
@@ -20,6 +21,7 @@ def run(options: argparse.Namespace) -> None:
             "and is not overwritten; choose another folder for -o"
         )
     if len(options.results) == 1:
-        print(f"report: {html.build(options.results[0], options.out)}")
-        return
-    print(f"report: {several.build(options.results, options.out)}")
+        first = html.build(options.results[0], options.out)
+    else:
+        first = several.build(options.results, options.out)
+    print_lines(f"report: {first}")

@@ -34,6 +34,7 @@ def show(result: Result, out: Path) -> None:
     from handbench.reports.page.summary import limits
     from handbench.reports.tables.table import best_of_ours, figures, main_lines, of_paper
     from handbench.reports.tables.writers import notes, terminal
+    from handbench.support.progress import print_lines
 
     if paper := of_paper(result):
         terminal(paper)
@@ -44,5 +45,5 @@ def show(result: Result, out: Path) -> None:
     notes(*limits(result))
     if failures := result.about.failures:
         failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
-        print(shorten(f"failed: {failed}", Console().width, placeholder=" …"))
+        print_lines(shorten(f"failed: {failed}", Console().width, placeholder=" …"))
     notes(f"all figures: {out}/table.csv", f"report: handbench report {out} -o REPORT")

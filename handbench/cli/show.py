@@ -21,8 +21,8 @@ from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_period_m
-from handbench.reports.drawings import sheets
 from handbench.reports.drawings.board_drawing import board_sheet
+from handbench.reports.drawings.sheets import STYLE
 from handbench.reports.drawings.target_drawing import target_sheet
 from handbench.reports.figures.layers import depth_layers, layers_figure
 from handbench.reports.figures.recordings import SHARES, echoes_figure
@@ -31,6 +31,7 @@ from handbench.reports.page.scene3d import page
 from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
+from handbench.support.progress import print_lines
 
 VIEWED_PX = 320  # of a mesh, along each side
 RANGES = 2000  # of a range profile
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> None:
             write_text(out, page(path.name, title, surface, sensor))
         else:
             save(layers_figure(depth_layers(surface, maps), f"{path.name}: {title}"), out)
-    print(out)
+    print_lines(str(out))
 
 
 def _surface(path: Path) -> tuple[str, str, SurfaceMap, dict[str, Any]]:
@@ -107,9 +108,9 @@ def _draw(path: Path, out: Path) -> None:
     if out.suffix.lower() == ".toml":
         write_text(out, tomlkit.dumps(values))
     elif "element" in values:
-        sheets.save(out, target_sheet(parse(Target, values, str(path)), f"Target {title}"))
+        save(target_sheet(parse(Target, values, str(path)), f"Target {title}"), out, STYLE)
     else:
-        sheets.save(out, board_sheet(parse(Board, values, str(path)), f"Board {title}"))
+        save(board_sheet(parse(Board, values, str(path)), f"Board {title}"), out, STYLE)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # of channels without any echo

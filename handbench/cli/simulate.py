@@ -14,7 +14,7 @@ from handbench.cli.options import free_folder
 from handbench.radar.simulation.scene import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import counted
+from handbench.support.progress import counted, print_lines
 
 
 def run(options: argparse.Namespace) -> None:
@@ -49,7 +49,7 @@ def _simulate_benchmark(options: argparse.Namespace) -> None:
         if options.overwrite:
             free_folder(capture, True, WRITTEN)
     count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
-    print(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
+    print_lines(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
 
 
 def _is_benchmark(path: Path) -> bool:

@@ -6,6 +6,7 @@ import math
 import re
 
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import print_lines
 
 LENGTHS = {"mm": 1.0, "um": 1e-3, "µm": 1e-3, "cm": 10.0, "m": 1e3}  # in millimetres
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0}
@@ -36,12 +37,12 @@ def run(options: argparse.Namespace) -> None:
         terminal(settings(metric, best, {}), f"{options.out}/report")
     for picture in pictures(result):
         save(picture.figure, options.out / f"{picture.stem}.png")
-    print(f"report: {build(options.out, options.out / 'report')}")
+    print_lines(f"report: {build(options.out, options.out / 'report')}")
     if max_error_mm < math.inf or max_seconds < math.inf:
         if HEADLINE not in ranked_methods(result):
             raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
         name = chosen(ranked_methods(result)[HEADLINE], max_error_mm, max_seconds)
-        print(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
+        print_lines(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
 
 
 def quantity(text: str | None, units: dict[str, float], option: str) -> float:

@@ -12,11 +12,11 @@ class HandbenchError(Exception):
     problems: the same, with a line for each problem; the message may name only the first ones."""
 
     def __init__(self, message: str, problems: Sequence[str] = ()) -> None:
-        super().__init__(_one_line(message))
-        self.problems = tuple(map(_one_line, problems or (message,)))
+        super().__init__(printable(message))
+        self.problems = tuple(map(printable, problems or (message,)))
 
 
-def _one_line(text: str) -> str:
-    """Return a text without line breaks and terminal codes, which names and libraries' texts that a
-    message quotes may have."""
-    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+def printable(text: str) -> str:
+    r"""Return a text on one line, with characters that cannot be printed written as in \x1b.
+    Names and texts from files may have such characters, which a terminal would obey."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

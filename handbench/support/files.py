@@ -1,5 +1,7 @@
 """Reading and writing of files, such that a crash, a full disk or a malicious file does no harm."""
 
+import errno
+import fcntl
 import hashlib
 import io
 import json
@@ -11,7 +13,8 @@ import shutil
 import unicodedata
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from glob import escape
 from operator import methodcaller
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -24,44 +27,73 @@ from handbench.support.errors import HandbenchError
 
 T = TypeVar("T")
 UNCHANGED = "nothing was changed; free space on the disk, or choose another place"
+NAMED = 40  # characters of a name, with which that of its temporary folder begins
+TOKEN = 6  # random bytes at its end
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
     """Context manager that writes a file completely or not at all.
-    It yields the path of a file to make, in the same folder and with the same suffix. When the
-    block succeeds, this file replaces `path`; when it fails, the file is removed. An OSError (a
-    full disk, a read-only folder) becomes a HandbenchError."""
+    It yields the path of a file to make, with the same name. When the block succeeds, this file
+    replaces `path`; when it fails, the file is removed. An OSError (a full disk, a read-only
+    folder) becomes a HandbenchError, and so does a device at `path`."""
     path = Path(path)
-    temporary = _beside(path)
-    with writable(path, UNCHANGED):
-        try:
-            yield temporary
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+    with writable(path, UNCHANGED), _beside(path) as temporary:
+        if path.exists() and not path.is_file():
+            raise OSError(errno.EEXIST, "it is a folder or a device")
+        yield temporary
+        os.replace(temporary, path)
 
 
 @contextmanager
 def atomic_folder(path: str | Path) -> Iterator[Path]:
     """Context manager that writes a folder completely or not at all.
-    It yields a temporary folder next to `path`. When the block succeeds, this folder replaces
-    `path`; when it fails, the folder is removed. Raises HandbenchError if `path` is a file or a
-    link, and instead of any other OSError."""
+    It yields a folder with the same name. When the block succeeds, this folder replaces `path`;
+    when it fails, the folder is removed. Raises HandbenchError if `path` is a file or a link, and
+    instead of any other OSError."""
     path = Path(path)
-    temporary = _beside(path)
-    with writable(path, UNCHANGED):
+    with writable(path, UNCHANGED), _beside(path) as temporary:
         temporary.mkdir()
-        try:
-            yield temporary
-            _replace_folder(temporary, path)
-        finally:
-            shutil.rmtree(temporary, ignore_errors=True)
+        yield temporary
+        _replace_folder(temporary, path)
 
 
-def _beside(path: Path) -> Path:
-    """Return an unused path in the same folder, which another user cannot guess."""
-    return path.parent / f".{path.stem}-{secrets.token_hex(6)}{path.suffix}"
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """Context manager that yields a path with the name of `path`, in a temporary folder beside it
+    that is removed at the end. Such folders that killed processes have left for this name are
+    removed first; those of living ones are locked. Errors name `path` instead."""
+    start = f".{path.name[:NAMED]}-"
+    for folder in path.parent.glob(escape(start) + "[0-9a-f]" * 2 * TOKEN):
+        with suppress(OSError), _locked(folder) as unused:
+            if unused:
+                shutil.rmtree(folder)
+    folder = path.parent / (start + secrets.token_hex(TOKEN))
+    folder.mkdir()
+    try:
+        with _locked(folder):
+            yield folder / path.name
+    except HandbenchError as error:
+        error.args = (str(error).replace(str(folder / path.name), str(path)),)
+        raise
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Context manager that locks a folder, until its block or this process ends. It yields whether
+    it could be locked: another process may have done so, and some disks have no locks."""
+    descriptor = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        unused = True
+    except OSError:
+        unused = False
+    try:
+        yield unused
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -69,6 +101,8 @@ def writable(path: Path, advice: str) -> Iterator[None]:
     """Context manager for writing `path`. It creates the parent folder, and turns every OSError,
     also one in the block, into a HandbenchError that ends with `advice`."""
     try:
+        if "\0" in str(path):
+            raise OSError(errno.EINVAL, "a name cannot have a zero byte")
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
@@ -79,19 +113,17 @@ def writable(path: Path, advice: str) -> Iterator[None]:
 
 def _replace_folder(new: Path, path: Path) -> None:
     """Rename the folder `new` to `path`.
-    An existing folder at `path` is first moved aside; it is then deleted, or moved back if renaming
-    fails. Raises OSError if `path` is a file or a link."""
-    aside = new.with_name(f"{new.name}-old")
+    An existing folder at `path` is first moved aside; it then takes the place of `new`, or is moved
+    back if renaming fails. Raises OSError if `path` is a file or a link."""
+    aside = new.parent.with_name(f"{new.parent.name}-old")
     if path.is_dir() and not path.is_symlink():
         # refuses the current folder and mount points, where deleting first would empty them
         os.replace(path, aside)
     try:
         os.replace(new, path)
-    except OSError:
+    finally:
         if aside.exists():
-            os.replace(aside, path)
-        raise
-    shutil.rmtree(aside, ignore_errors=True)
+            os.replace(aside, new if path.exists() else path)
 
 
 def require_file(path: str | Path, what: str) -> Path:

@@ -59,12 +59,10 @@ def _open_owned(path: str, flags: int) -> int:
 
 def drop(folder: Path, names: Sequence[str]) -> None:
     """Delete files and folders in a folder before they are written again: those with the given
-    names, in this order, and temporary files for these names that a killed run left."""
-    prefixes = tuple(f".{Path(name).stem}-" for name in names)
-    half_written = [path for path in folder.iterdir() if path.name.startswith(prefixes)]
+    names, in this order."""
     with writable(folder, ADVICE):
-        for path in [folder / name for name in names] + half_written:
-            _remove(path)
+        for name in names:
+            _remove(folder / name)
 
 
 def _remove(path: Path) -> None:

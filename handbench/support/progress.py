@@ -1,16 +1,19 @@
 """What a command prints: its progress on stderr, one line, drawn again and again on a terminal and
 printed every 10 s elsewhere; and long lines of its output, broken between words."""
 
+import json
 import shutil
 import sys
 import textwrap
 import threading
 import time
 from collections.abc import Iterable, Iterator, Sized
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import parent_process
-from typing import Any, TypeVar
+from typing import Any, TextIO, TypeVar
+
+from handbench.support.errors import printable
 
 Item = TypeVar("Item")
 PLAIN_INTERVAL_S = 10.0
@@ -20,10 +23,30 @@ ERASE_LINE = "\r\x1b[2K"
 def say(text: str) -> None:
     """Print one line of progress on stderr (stdout is reserved for results).
     On a terminal it takes the line of the progress, which is drawn again below, so that further
-    processes can print too."""
-    erase = ERASE_LINE if sys.stderr.isatty() else ""
-    sys.stderr.write(f"{erase}{text}\n")
-    sys.stderr.flush()
+    processes can print too. Nothing is printed where stderr is closed or full."""
+    erase = ERASE_LINE if is_terminal(sys.stderr) else ""
+    with suppress(AttributeError, OSError, ValueError):
+        sys.stderr.write(f"{erase}{printable(text)}\n")
+        sys.stderr.flush()
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Tell whether a stream is a terminal; False for one that is closed, or that can only write."""
+    try:
+        return stream is not None and stream.isatty()
+    except (AttributeError, ValueError):
+        return False
+
+
+def print_lines(*lines: str) -> None:
+    """Print lines on stdout, each on one line whatever characters it has."""
+    print(*map(printable, lines), sep="\n")
+
+
+def print_json(content: Any) -> None:
+    """Print JSON on stdout, in UTF-8; only characters that cannot be printed are escaped."""
+    text = json.dumps(content, indent=2, ensure_ascii=False)
+    print("".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text))
 
 
 def print_wrapped(text: str, indent: str) -> None:
@@ -33,7 +56,7 @@ def print_wrapped(text: str, indent: str) -> None:
     wrap = textwrap.TextWrapper(
         width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )
-    print(wrap.fill(text))
+    print(wrap.fill(printable(text)))
 
 
 def duration(seconds: float) -> str:
@@ -103,7 +126,7 @@ def counted(total: int) -> Iterator[Work]:
         return
     _current = work
     try:
-        with _live(work) if sys.stderr.isatty() else _lines(work):
+        with _live(work) if is_terminal(sys.stderr) else _lines(work):
             yield work
     finally:
         _current = None
@@ -116,7 +139,7 @@ def _live(work: Work) -> AbstractContextManager[Any]:
     from rich.text import Text
 
     return Live(
-        get_renderable=lambda: Text(work.line(), no_wrap=True, overflow="ellipsis"),
+        get_renderable=lambda: Text(printable(work.line()), no_wrap=True, overflow="ellipsis"),
         console=Console(stderr=True),
         transient=True,
         redirect_stdout=False,

@@ -4,12 +4,12 @@ pictures, each stretched to its place."""
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 
 from handbench.reports.drawings.sheets import STYLE, sheet
+from handbench.reports.figures.style import styled
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ SQUARE_PX = 128  # side of a chessboard's square; with powers of two, OpenCV's c
 CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])  # of a picture, clockwise from the top left
 
 
-@matplotlib.rc_context(STYLE)
+@styled(STYLE)
 def board_sheet(board: "Board", title: str) -> Figure:
     """Return the printable page of a board (ArUco markers, ChArUco) at true scale, with the board's
     x axis to the right. title: printed at its foot. Raises HandbenchError for a marker that the

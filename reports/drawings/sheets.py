@@ -3,14 +3,9 @@
 Below the drawing are lines of text, and a scale bar that checks the printer.
 """
 
-from pathlib import Path
-
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.typing import RcKeyType
-
-from handbench.support.files import atomic_path
 
 INCH_MM = 25.4
 MARGIN_MM = 10.0  # white around the drawing; printers leave up to 6.4 mm
@@ -22,9 +17,7 @@ STYLE: dict[RcKeyType, object] = {
     "font.size": 6.5,
     "lines.linewidth": 0.5,
     "patch.linewidth": 0.5,
-    "text.usetex": False,
     "text.parse_math": False,  # a file's name is no formula
-    "savefig.bbox": None,  # the page is the page
 }
 
 
@@ -41,9 +34,3 @@ def sheet(width_mm: float, height_mm: float, *footer: str) -> tuple[Figure, Axes
     axes.plot([0, BAR_MM], [bar_mm, bar_mm], "k|-", gid="scale-bar")
     axes.text(0, bar_mm + LINE_MM, text)
     return figure, axes
-
-
-def save(path: Path, figure: Figure) -> None:
-    """Write a sheet to a PDF file; an existing file is replaced when the new one is complete."""
-    with matplotlib.rc_context(STYLE), atomic_path(path) as temporary:
-        figure.savefig(temporary, format="pdf")

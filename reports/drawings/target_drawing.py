@@ -7,12 +7,12 @@ the carrier. The side view is from the viewer's right, with the radar on its lef
 
 from typing import TYPE_CHECKING
 
-import matplotlib
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from handbench.reports.drawings.sheets import STYLE, sheet
+from handbench.reports.figures.style import styled
 
 if TYPE_CHECKING:
     from handbench.calibration.spheres.description import Target
@@ -21,7 +21,7 @@ MILLIMETRES = 1e3
 GAP_MM = 5.0  # between the views
 
 
-@matplotlib.rc_context(STYLE)
+@styled(STYLE)
 def target_sheet(target: "Target", title: str) -> Figure:
     """Return the printable page of the calibration target (metal balls in foam spheres) at true
     scale. title: printed at its foot."""

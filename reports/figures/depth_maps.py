@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
@@ -20,7 +19,7 @@ from handbench.reports.figures.layers import (
     sheet,
 )
 from handbench.reports.figures.references import drawn_references, floor_note
-from handbench.reports.figures.style import STYLE, Picture, methods, time_text
+from handbench.reports.figures.style import STYLE, Picture, methods, styled, time_text
 from handbench.reports.tables.table import AGAINST
 
 COLOURS = f"{SIGNED}. Line: outline of the reference."
@@ -84,7 +83,7 @@ def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
     maps = [(title, SurfaceMap(of.x_m, of.y_m, z_m)) for title, z_m, of in shown]
     of = shown[0][2]
     truth = SurfaceMap(of.x_m, of.y_m, of.reference_z_m)
-    with matplotlib.rc_context(STYLE):
+    with styled(STYLE):
         return _compared([("true surface", truth), *maps], errors)
 
 

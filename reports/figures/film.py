@@ -9,6 +9,7 @@ from PIL import Image
 
 from handbench.bench.results.maps import Frames, SurfaceMap
 from handbench.reports.figures.layers import depth_layers, layers_figure
+from handbench.reports.figures.style import STYLE, image_bytes
 
 MOST_FRAMES = 48  # of a film; a longer sequence is shown at evenly spaced frames
 PAUSE_MS = 100  # per frame: slow enough to read its number
@@ -38,5 +39,5 @@ def _pictures(frames: Frames, title: str) -> Iterator[Image.Image]:
         for axis, layer in zip(figure.axes, layers, strict=False):  # colour bars have axes, too
             axis.images[0].set_data(layer.values[n])
         figure.suptitle(f"{title}: frame {n}, {time_ms:.0f} ms")
-        figure.savefig(stream := io.BytesIO(), dpi=DPI)
-        yield Image.open(stream).convert("RGB")
+        content = image_bytes(figure, style=STYLE | {"savefig.dpi": DPI})
+        yield Image.open(io.BytesIO(content)).convert("RGB")

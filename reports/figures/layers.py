@@ -8,7 +8,6 @@ from itertools import zip_longest
 from textwrap import fill
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -18,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.results.maps import SurfaceMap
-from handbench.reports.figures.style import STYLE, narrow
+from handbench.reports.figures.style import STYLE, narrow, styled
 from handbench.reports.tables.rounding import figure as rounded
 
 DEPTH_COLOURS, ERROR_COLOURS, EMPTY = "viridis_r", "RdBu_r", "#d9d9d9"
@@ -184,7 +183,7 @@ def _draw(axis: Axes, panel: Layer | np.ndarray | None, box: Box) -> None:
 
 def layers_figure(layers: Sequence[Layer], title: str = "") -> Figure:
     """Draw panels in a row under one title."""
-    with matplotlib.rc_context(STYLE):
+    with styled(STYLE):
         return sheet([layers], title)
 
 

@@ -3,7 +3,6 @@ of the Python interface one of them."""
 
 from collections.abc import Callable, Iterator
 
-import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -22,6 +21,7 @@ from handbench.reports.figures.style import (
     charts,
     log_axis,
     methods,
+    styled,
     whiskers,
 )
 from handbench.reports.tables.table import AGAINST
@@ -44,7 +44,7 @@ def plot(result: Result, kind: str) -> Figure:
             f"{result.folder}: has no {needs}, which '{kind}' draws; choose another kind "
             f"({', '.join(KINDS)})"
         )
-    with matplotlib.rc_context(COLUMN):
+    with styled(COLUMN):
         return picture(result).figure
 
 

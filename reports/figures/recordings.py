@@ -3,11 +3,10 @@ antennas."""
 
 from collections.abc import Mapping
 
-import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from handbench.reports.figures.style import COLOURS, STYLE
+from handbench.reports.figures.style import COLOURS, STYLE, styled
 
 SHARES = (10, 50, 90)  # percentiles over the channels
 
@@ -31,7 +30,7 @@ def echoes_figure(
     """
     order = np.argsort(frequencies_hz)
     ghz, (low, middle, high) = frequencies_hz[order] / 1e9, levels_db[:, order]
-    with matplotlib.rc_context(STYLE):
+    with styled(STYLE):
         figure = Figure(figsize=(10 if profile else 7, 3.2), layout="constrained")
         figure.suptitle(title)
         spectrum, places, *more = figure.subplots(1, 3 if profile else 2)

@@ -2,7 +2,9 @@
 legend, and image files."""
 
 import io
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -13,14 +15,16 @@ import pandas as pd
 from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
 
 from handbench.bench.results.result_folder import Result
 from handbench.reports.tables.rounding import figure as rounded
-from handbench.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError, printable
 from handbench.support.files import atomic_path
 
+Style = Mapping[RcKeyType, object]
 STYLE: dict[RcKeyType, object] = {
     "font.size": 9,
     "axes.titlesize": "medium",
@@ -81,6 +85,15 @@ class Picture:
     caption: str
     alt: str
     figure: Figure
+
+
+@contextmanager
+def styled(style: Style) -> Iterator[None]:
+    """Context manager in which pictures have a style, and nothing of the user's matplotlibrc."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        rcParams.update(style)
+        yield
 
 
 def narrow() -> bool:
@@ -177,7 +190,7 @@ def log_axis(axis: Axes, *sides: Literal["x", "y"]) -> None:
         ticks.set_minor_formatter(NullFormatter())
 
 
-def save(figure: Figure, file: str | Path) -> None:
+def save(figure: Figure, file: str | Path, style: Style = STYLE) -> None:
     """Write a figure to a file in the format of the file's suffix; an existing file is replaced
     when the new one is complete. Raises HandbenchError for a suffix other than .png, .pdf and .svg
     (FORMATS)."""
@@ -187,12 +200,17 @@ def save(figure: Figure, file: str | Path) -> None:
             f"{file}: is not the name of a picture; use one that ends in {', '.join(FORMATS)}"
         )
     with atomic_path(file) as temporary:
-        temporary.write_bytes(image_bytes(figure, suffix[1:]))
+        temporary.write_bytes(image_bytes(figure, suffix[1:], style))
 
 
-def image_bytes(figure: Figure, kind: str = "png") -> bytes:
-    """Return a figure as the bytes of an image file of a kind: png, pdf or svg."""
+def image_bytes(figure: Figure, kind: str = "png", style: Style = STYLE) -> bytes:
+    """Return a figure as the bytes of an image file of a kind: png, pdf or svg. The same figure
+    gives the same PNG or PDF. Characters that cannot be printed are written as in a terminal."""
+    for text in figure.findobj(Text):
+        text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
     stream = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        figure.savefig(stream, format=kind)
+    undated = {"CreationDate": None} if kind == "pdf" else None
+    with styled(style), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph")  # of a script that the font does not have
+        figure.savefig(stream, format=kind, metadata=undated)
     return stream.getvalue()

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import matplotlib
 from markupsafe import Markup
 from PIL import Image as Pixels
 
-from handbench.reports.figures.style import COLUMN, PAGE, Picture
+from handbench.reports.figures.style import COLUMN, PAGE, Picture, save, styled
 from handbench.reports.tables import writers
 from handbench.support.files import atomic_path, write_text
 
@@ -57,19 +56,16 @@ def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = Tr
     draw: function that makes the pictures.
     """
     written = []
-    with matplotlib.rc_context(PAGE):
+    with styled(PAGE):
         for picture in draw():
             (folder / f"{picture.stem}.pdf").unlink(missing_ok=True)
-            with atomic_path(folder / f"{picture.stem}.png") as temporary:
-                picture.figure.savefig(temporary)
-                embedded = image(Pixels.open(temporary), picture.alt, picture.caption, SHOWN)
+            save(picture.figure, file := folder / f"{picture.stem}.png", PAGE)
+            embedded = image(Pixels.open(file), picture.alt, picture.caption, SHOWN)
             kinds = ("pdf", "png") if paper else ("png",)
             written.append(replace(embedded, stem=picture.stem, kinds=kinds))
-    with matplotlib.rc_context(COLUMN):
+    with styled(COLUMN):
         for picture in draw() if paper else ():
-            with atomic_path(folder / f"{picture.stem}.pdf") as temporary:
-                # Without a date the same data give the same bytes.
-                picture.figure.savefig(temporary, metadata={"CreationDate": None})
+            save(picture.figure, folder / f"{picture.stem}.pdf", COLUMN)
     return written
 
 

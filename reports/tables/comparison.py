@@ -1,6 +1,7 @@
 """Output of `handbench compare`, the comparison of two results: on the terminal and as files."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,12 @@ from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables.rounding import NONE, figure, p_text
 from handbench.reports.tables.table import AGAINST, Table
 from handbench.reports.tables.writers import escaped, latex, markdown, terminal
-from handbench.support.files import write_json, write_text
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.files import atomic_folder, write_json, write_text
+from handbench.support.progress import print_lines
 
+WRITTEN = tuple(f"compare.{kind}" for kind in ("json", "csv", "md", "tex"))
 NOTE = (
     "Small print: the difference B − A, its 95 % confidence interval, and p, corrected for all "
     "tests (Holm). Precisions are compared by the F test, as if all repeats were independent. "
@@ -24,35 +29,53 @@ NOTE = (
 )
 
 
-def show(compared: Compared) -> None:
-    """Print the comparison of two results A and B on stdout: the metrics that every comparison
-    begins with, against the first reference."""
-    print(f"A: {compared.a.folder}\nB: {compared.b.folder}\n")
-    terminal(tables(compared, chosen("compare"))[0], "compare.json")
-    tested, better = compared.differences.p_corrected.count(), compared.differences.better
-    print(f"tested differences: {tested}, shown (*): {(better != '').sum()}")
-    print(f"other settings, versions and inputs: {len(compared.changes)}")
+def show(compared: Compared, metrics: Sequence[str] = (), methods: Sequence[str] = ()) -> None:
+    """Print the comparison of two results A and B on stdout: how many differences are shown, and
+    the figures of some metrics (none: those that every comparison begins with) and methods (none:
+    all) against the first reference. Raises HandbenchError for a metric or a method that was not
+    compared."""
+    differences = compared.differences
+    tested, better = differences.p_corrected.count(), (differences.better != "").sum()
+    print_lines(
+        f"A: {compared.a.folder}",
+        f"B: {compared.b.folder}",
+        f"tested differences: {tested}, shown (*): {better}",
+        f"other settings, versions and inputs: {len(compared.changes)}",
+        "",
+    )
+    for kind, asked in (("metric", metrics), ("method", methods)):
+        names = list(differences[kind].unique())
+        if unknown := [name for name in asked if name not in names]:
+            raise HandbenchError(
+                f"--{kind}: '{unknown[0]}' was not compared; {suggest(unknown[0], names)}"
+            )
+    shown = differences[differences.method.isin(methods or differences.method)]
+    of_first = tables(replace(compared, differences=shown), metrics or chosen("compare"))[0]
+    terminal(of_first, "compare.json")
 
 
 def write(compared: Compared, folder: Path) -> None:
-    """Write the comparison of two results into a folder as compare.csv (the differences),
-    compare.json (everything), compare.md and compare.tex; existing files are replaced."""
-    write_csv(folder / "compare.csv", compared.differences, DIFFERENCES)
-    write_json(folder / "compare.json", compared.content())
+    """Write the comparison of two results as a folder of compare.csv (the differences),
+    compare.json (everything), compare.md and compare.tex, which replaces an earlier one when it is
+    complete."""
     changes = Table("What else differs", compared.changes.set_index("what"), left=3)
     every = [*tables(compared), changes]
     head = f"A: {compared.a.folder}. B: {compared.b.folder}. {compared.basis} {NOTE}"
-    write_text(folder / "compare.md", "\n".join((f"{escaped(head)}\n", *map(markdown, every))))
-    write_text(folder / "compare.tex", "\n".join(map(latex, every)))
+    with atomic_folder(folder) as temporary:
+        write_csv(temporary / "compare.csv", compared.differences, DIFFERENCES)
+        write_json(temporary / "compare.json", compared.content())
+        text = "\n".join((f"{escaped(head)}\n", *map(markdown, every)))
+        write_text(temporary / "compare.md", text)
+        write_text(temporary / "compare.tex", "\n".join(map(latex, every)))
 
 
-def tables(compared: Compared, metrics: Iterable[str] = METRICS) -> list[Table]:
+def tables(compared: Compared, metrics: Collection[str] = METRICS) -> list[Table]:
     """Return a table for each reference of two results A and B, with a row for each method and a
     column for each of the metrics."""
     lines = compared.differences[compared.differences.metric.isin(list(metrics))]
     means = lines[lines.capture == ""]
     of_references = []
-    for reference in filter(None, means.reference.unique()):
+    for reference in filter(None, compared.differences.reference.unique()):
         cells: dict[str, dict[str, str]] = {}
         for line in each(means[means.reference.isin((reference, ""))]):
             cells.setdefault(f"{line.metric_title} ({line.unit})", {})[line.method] = _cell(line)

@@ -16,6 +16,8 @@ from rich.table import Table as Grid
 from rich.text import Text
 
 from handbench.reports.tables.table import Table
+from handbench.support.errors import printable
+from handbench.support.progress import print_lines
 
 ROWS = 20  # that a terminal shows
 HEADING = 12  # characters after which the heading of a number is broken there
@@ -184,11 +186,11 @@ def terminal(table: Table, rest: str = "") -> None:
         else:
             parts[-1] = part
     if table.caption:
-        console.print(Text(table.caption))
+        console.print(Text(printable(table.caption)))
     for part in parts:
         console.print(_grid(_part(table, part)), "")
     if (more := len(table.texts) - ROWS) > 0:
-        console.print(f"… {more} more in {rest}", markup=False)
+        print_lines(f"… {more} more in {rest}")
 
 
 def _grid(table: Table) -> Grid:
@@ -197,13 +199,17 @@ def _grid(table: Table) -> Grid:
     grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for column, heading in enumerate(table.headings):
         if column <= table.left:
-            grid.add_column(Text(heading), overflow="fold")
+            grid.add_column(_first_line(heading), overflow="fold")
         else:
-            heading = fill(heading, HEADING, break_long_words=False)
+            heading = fill(printable(heading), HEADING, break_long_words=False)
             grid.add_column(Text(heading), justify="right", no_wrap=True)
     for row in table.rows[:ROWS]:
-        grid.add_row(*(Text(text.split("\n")[0]) for text in row))
+        grid.add_row(*map(_first_line, row))
     return grid
+
+
+def _first_line(text: str) -> Text:
+    return Text(printable(text.split("\n")[0]))
 
 
 def notes(*texts: str) -> None:
@@ -216,4 +222,4 @@ def notes(*texts: str) -> None:
             lines[-1] = joined
         else:
             lines.append(text)
-    print("\n".join(lines))
+    print_lines(*lines)

@@ -98,7 +98,7 @@ def test_capture_to_metrics(made, tmp_path, capsys):
         doubted_percent = 100 * content["wrapped"][on_target].mean()
     printed = capsys.readouterr().err
     assert f"{on_target.sum()} pixels" in printed and f"{doubted_percent:.1f} %" in printed
-    assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply")]) == 0
+    assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply"), "--json"]) == 0
     metrics = json.loads(capsys.readouterr().out)
     assert metrics["mae_mm"] < 1.0 and metrics["definitions"]["mae_mm"]
 

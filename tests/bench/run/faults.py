@@ -51,7 +51,7 @@ def instant(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     `clean`."""
 
     def make(temporary: Path, **_: object) -> None:
-        made = clean / "work" / temporary.name[1:].rpartition("-")[0]
+        made = clean / "work" / temporary.name
         left_out = shutil.ignore_patterns(STAMP)
         shutil.copytree(made, temporary, ignore=left_out, dirs_exist_ok=True)
 

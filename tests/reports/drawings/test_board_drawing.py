@@ -6,7 +6,6 @@ import re
 import cv2
 import numpy as np
 import pytest
-from matplotlib import rcParams
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from handbench.bench.scenes.stand import stand_board
@@ -14,7 +13,7 @@ from handbench.calibration.spheres.description import default_target, load_targe
 from handbench.cli.main import main
 from handbench.groundtruth.board.board import Board, Charuco, Marker, load_board
 from handbench.reports.drawings.board_drawing import board_sheet
-from handbench.reports.drawings.sheets import INCH_MM
+from handbench.reports.drawings.sheets import INCH_MM, STYLE
 from tests.refusals import refuse
 
 PIXELS_PER_MM = 8
@@ -98,7 +97,7 @@ def test_what_cannot_be_printed_is_refused(number, corners, places):
 
 def test_descriptions_are_written_and_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(rcParams, "pdf.compression", 0)
+    monkeypatch.setitem(STYLE, "pdf.compression", 0)
     for command in ("target -o target.toml", "stand -o board.toml"):
         assert main(["show", *command.split()]) == 0
     assert load_target("target.toml") == default_target()

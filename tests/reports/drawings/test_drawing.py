@@ -8,8 +8,9 @@ from matplotlib import rcParams
 from matplotlib.patches import Circle
 
 from handbench.calibration.spheres.description import default_target
-from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, save
+from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, STYLE
 from handbench.reports.drawings.target_drawing import target_sheet
+from handbench.reports.figures.style import save
 
 
 def test_the_views_are_at_true_scale_and_not_mirrored():
@@ -42,7 +43,7 @@ def test_the_scale_bar_and_the_page_of_the_pdf_are_true_to_scale(tmp_path, monke
     ends = bar.get_transform().transform(bar.get_xydata()) * INCH_MM / figure.dpi
     assert ends[1] - ends[0] == pytest.approx([BAR_MM, 0], abs=1e-6)
     monkeypatch.setitem(rcParams, "savefig.bbox", "tight")  # as a user may have it
-    save(tmp_path / "target.pdf", figure)
+    save(figure, tmp_path / "target.pdf", STYLE)
     [page] = re.findall(rb"/MediaBox \[([^]]*)\]", (tmp_path / "target.pdf").read_bytes())
     size_mm = figure.get_size_inches() * INCH_MM
     assert np.array(page.split(), float)[2:] == pytest.approx(size_mm * 72 / INCH_MM)

@@ -58,7 +58,7 @@ def test_files_have_both_figures_their_difference_and_what_else_differs(
 def test_a_terminal_shows_both_figures(compared, columns, golden, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(columns))
     comparison.show(compared)
-    golden(capsys.readouterr().out.partition("\n\n")[2], f"compare_{columns}.txt")
+    golden(capsys.readouterr().out.split("\n", 2)[2], f"compare_{columns}.txt")
 
 
 def test_the_command_writes_what_it_prints_and_overwrites_when_asked(slower, tmp_path, capsys):
