@@ -95,8 +95,9 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
     live = np.flatnonzero(samples.any(axis=0))
     if len(unknown) != 1 or np.ptp(tones_hz) == 0 or len(live) == 0:
         raise HandbenchError(
-            f"unknown: is {list(unknown)}, of {len(live)} channels with echoes; expected one of "
-            "range_offset and scan_step in capture.toml, and echoes of several tones"
+            f"unknown: is {' and '.join(unknown) or 'empty'}, and {len(live)} channels have "
+            "echoes; expected one of range_offset and scan_step in capture.toml, and echoes of "
+            "several tones"
         )
     stretched = "scan_step" in unknown
     tones, some = (np.random.default_rng(0).permutation(n)[:MOST] for n in (len(tones_hz), live))

@@ -36,7 +36,7 @@ IMPORTERS: dict[str, Callable[..., None]] = {
     "ti-raw": import_ti_raw,
 }
 # a file in a folder that has to be imported → the name of its data set
-RAW = {"positions.csv": "touchstone", "adc_data.bin": "ti-raw"}
+RAW = {"positions.csv": "touchstone", "adc_data*.bin": "ti-raw"}
 # behind a MAROON capture's path: its frames without the empty room
 AT_EMPTY_FILTERED = f"@{EMPTY_FILTERED}"
 DEPTH = 3  # folders below a data set's root in which captures are looked for
@@ -55,15 +55,10 @@ def open_capture(path: str | Path) -> NativeCapture:
     reader = _reader(folder)
     if reader is None:
         hints = [
-            f"; it looks like data of {kind}, so run `handbench import {kind}` first"
-            for file, kind in RAW.items()
-            if (folder / file).exists()
-        ]
-        hints += [
             f"; it contains captures, so name one of them, such as {capture}"
             for capture in sorted(_below(folder))[:1]
         ]
-        raise HandbenchError(f"{folder}: is not a capture; expected {KNOWN}{''.join(hints)}")
+        raise HandbenchError(f"{folder}: is not a capture; {_expected(folder)}{''.join(hints)}")
     if reader is MaroonCapture:
         return MaroonCapture(folder, empty_filtered)
     if empty_filtered:
@@ -72,6 +67,16 @@ def open_capture(path: str | Path) -> NativeCapture:
             "out"
         )
     return reader(folder)
+
+
+def _expected(folder: Path) -> str:
+    """Say which files make a capture, and which command makes one of a folder's raw data."""
+    hints = [
+        f"; it looks like data of {kind}, so run `handbench import {kind}` first"
+        for files, kind in RAW.items()
+        if any(folder.glob(files))
+    ]
+    return f"expected {KNOWN}{''.join(hints)}"
 
 
 def _reader(folder: Path) -> type[NativeCapture] | None:
@@ -93,6 +98,8 @@ def captures(
     """
     root = require_folder(root, "a data set")
     places = {folder: folder.relative_to(root).parts for folder in _below(root)}
+    if not places:
+        raise HandbenchError(f"{root}: contains no capture; {_expected(root)}")
     known = sorted({name for place in places.values() for name in place[:1]})
     for name in objects:
         if name not in known:
@@ -106,7 +113,7 @@ def captures(
         and (not distances or folder.name in map(str, distances))
     ]
     if not chosen:
-        there = ", ".join(sorted({folder.name for folder in places})[:12]) or "none"
+        there = ", ".join(sorted({folder.name for folder in places})[:12])
         raise HandbenchError(
             f"{root}: none of its captures is selected; the folders with captures are: {there}; "
             "select at least one"

@@ -66,9 +66,9 @@ class MappedCapture(NativeCapture):
             raise HandbenchError(f"{self.folder / MAPPING}: {text}") from None
         except ValueError as error:
             raise HandbenchError(
-                f"{self.folder / MAPPING}: its tables do not fit together ({error}); give each "
+                f"{self.folder / MAPPING}: its tables have different numbers of rows; give each "
                 "table of several rows an axis in samples.axes"
-            ) from None
+            ) from error
 
 
 @np.errstate(invalid="ignore", over="ignore")  # what is infinite is refused with the capture

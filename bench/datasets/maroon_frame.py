@@ -63,9 +63,9 @@ def read_numbers(path: Path) -> list[np.ndarray]:
         [held] = _Unpickler(stream).load().state[-1]
         return [_array(held[key]) for key in KEYS]
     except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = str(error)[:200] if isinstance(error, ValueError) else "its pickle is damaged"
         raise HandbenchError(
-            f"{path}: was not read ({reason[:200]}); expected {WHAT}; download it again"
+            f"{path}: was not read ({reason}); expected {WHAT}; download it again"
         ) from error
 
 

@@ -106,7 +106,10 @@ def _read_matlab(path: Path, name: str) -> np.ndarray:
     content = read_bytes(path, "a MATLAB file", ARRAY_BYTES)
     order = MATLAB.get(content[HEADER - 4 : HEADER])
     if order is None:
-        raise ValueError("it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7")
+        raise ValueError(
+            "it begins like neither HDF5 (-v7.3) nor MATLAB's formats -v6 and -v7; the name of a "
+            f"text file ends in {', '.join(TABLES)}"
+        )
     _require_harmless(content[HEADER:], order, (MATRIX, COMPRESSED))
     variable, *fields = name.split("/")
     variables = loadmat(BytesIO(content))

@@ -250,7 +250,7 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, list[f
     positive = seconds.dtype.kind in "fiu" and ((seconds > 0) & (seconds < np.inf)).all()
     if seconds.size > 1 or not positive:
         raise HandbenchError(
-            f"{file}: seconds is {seconds!r:.60}; expected one number above 0, or none at all"
+            f"{file}: seconds is {str(seconds)[:60]}; expected one number above 0, or none at all"
         )
     single = {name: content[name].astype(np.float32) for name in ("z_m", "amplitude_db")}
     return DepthMap(grid.x_m, grid.y_m, **single, method=method), seconds.ravel().tolist()

@@ -90,9 +90,9 @@ class ArrayCalibration(Config):
                 np.abs(np.array(side.nominal_m) - leg.position_m).max() > SAME_M
             ):
                 raise HandbenchError(
-                    f"{where}: is for an array whose {name} antennas ({len(side.nominal_m)}) are "
-                    f"not those of the capture ({len(leg.position_m)}), or elsewhere; calibrate "
-                    "the array of this capture"
+                    f"{where}: is for another array, with {len(side.nominal_m)} {name} antennas at "
+                    f"other places than the {len(leg.position_m)} of the capture; calibrate the "
+                    "array of this capture"
                 )
         a, b = (
             side.response(capture.frequencies_hz, self.reference_hz) for side in (self.tx, self.rx)

@@ -59,8 +59,8 @@ def estimate_array(
     missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
     if missing:
         raise HandbenchError(
-            f"{source}: the elements {', '.join(missing)} of the target are not visible, but an "
-            "array calibration needs all; check the target's description and place"
+            f"{source}: does not show all elements of the target (missing: {', '.join(missing)}), "
+            "but an array calibration needs all; check the target's description and place"
         )
     first = _fit_responses(mean, target, _placed(target, balls), source)
     balls = _fitted_balls(first.applied_to(mean), target, source)
@@ -74,9 +74,10 @@ def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict
     balls = match(echoes, target, "echoes")
     for other in echoes:
         if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
+            place = ", ".join(f"{at_m:.3f}" for at_m in other.centre_m)
             raise HandbenchError(
-                f"{source}: something at {np.round(other.centre_m, 3)} m echoes as strongly as a "
-                "ball; remove it from the view, and check the description of the target"
+                f"{source}: something at ({place}) m echoes as strongly as a ball; remove it from "
+                "the view, and check the description of the target"
             )
     balls = fit_balls(calibrated, target, balls, echoes)
     placed_m = _placed(target, balls)

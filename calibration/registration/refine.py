@@ -61,7 +61,8 @@ def refine(
     """
     if min(depth.z_m.shape) < 2:
         raise HandbenchError(
-            f"refine: the depth map has {depth.z_m.shape} pixels; expected at least 2 × 2"
+            f"refine: the depth map has {depth.z_m.shape[0]} × {depth.z_m.shape[1]} pixels; "
+            "expected at least 2 × 2; image more pixels"
         )
     distance_m, used, jacobian = _pixels(mesh_depths(start), depth)
     before_m, moved = distance_m, start

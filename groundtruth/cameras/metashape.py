@@ -20,6 +20,7 @@ rotation · X + translation, in metres if the project has a scale.
 """
 
 from collections import defaultdict
+from math import prod
 from pathlib import Path, PureWindowsPath
 from typing import Any
 from xml.etree.ElementTree import Element, fromstring
@@ -85,8 +86,8 @@ def _lens(sensor: Element) -> dict[str, Any]:
     skew = abs(value["b2"]) * height / 2
     if skew >= SMALLEST_SKEW_PX * value["f"] or any(value[term] for term in NOT_IN_COLMAP):
         raise ValueError(
-            f"COLMAP has no lens model with b2, {' or '.join(NOT_IN_COLMAP)}; optimise the cameras "
-            "with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
+            f"COLMAP has no lens model with b2 or {' or '.join(NOT_IN_COLMAP)}; optimise the "
+            "cameras with f, cx, cy, k1, k2, k3, p1, p2 (and b1) only"
         )
     fx, cx, cy = value["f"] + value["b1"], width / 2 + value["cx"], height / 2 + value["cy"]
     distortion = [value[term] for term in ("k1", "k2", "p2", "p1", "k3")]
@@ -111,4 +112,7 @@ def _pose(camera: Element, *frames: Element) -> dict[str, Any]:
 
 def _numbers(element: Element, path: str, *shape: int) -> np.ndarray:
     """Read an array from the text of the XML element at `path` below `element`."""
-    return np.array((element.findtext(path) or "").split(), np.float64).reshape(shape)
+    numbers = np.array((element.findtext(path) or "").split(), np.float64)
+    if numbers.size != prod(shape):
+        raise ValueError(f"its {path} has {numbers.size} numbers; expected {prod(shape)}")
+    return numbers.reshape(shape)

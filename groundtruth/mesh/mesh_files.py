@@ -93,8 +93,9 @@ def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, 
         _check(vertices_m, polygons)
         faces = np.concatenate([_triangles(vertices_m, equal) for equal in polygons])
     except (ValueError, LookupError, OverflowError) as error:
+        reason = f"it has no {error}" if isinstance(error, KeyError) else error
         raise HandbenchError(
-            f"{path}: is not a usable mesh ({error}); correct it, or export it again"
+            f"{path}: is not a usable mesh ({reason}); correct it, or export it again"
         ) from error
     return vertices_m, faces.astype(np.int64), columns
 
@@ -134,7 +135,7 @@ def _triangles(vertices_m: np.ndarray, polygons: np.ndarray) -> np.ndarray:
         if not folded.any():
             return triangles.reshape(-1, 3)
         polygons[folded] = np.roll(polygons[folded], 1, axis=1)
-    raise ValueError(f"{folded.sum()} faces of {count} corners are no simple polygons")
+    raise ValueError(f"a face of {count} corners is no simple polygon")
 
 
 def _read_obj(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
@@ -146,9 +147,10 @@ def _read_obj(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     # without comments, and with the lines joined that end with a backslash
     for line in re.sub(rb"#.*|\\[ \t]*\n", b" ", text).split(b"\n"):
         match line.split():
-            case [b"v", *numbers]:
-                x, y, z, *_ = map(float, numbers)
-                vertices.append((x, y, z))
+            case [b"v", x, y, z, *_]:
+                vertices.append((float(x), float(y), float(z)))
+            case [b"v", *_]:
+                raise ValueError("a vertex has fewer than 3 coordinates")
             case [b"f", *corners]:
                 # counted from 1, or from −1 for the last vertex so far
                 indices = [int(corner.partition(b"/")[0]) for corner in corners]

@@ -102,7 +102,10 @@ def _elements(header: str) -> tuple[str, dict[str, tuple[int, Properties]]]:
 def _rows(properties: Properties, count: int, body: bytes, offset: int) -> np.ndarray:
     """Read `count` rows of a table, which begin at the byte `offset` of `body`, as a structured
     array. Raises ValueError if rows are missing or differ in the lengths of their lists."""
-    rows = np.frombuffer(body, _row_type(properties, body, offset), count, offset)
+    row = _row_type(properties, body, offset)
+    if offset + count * row.itemsize > len(body):
+        raise ValueError("it ends before its last row")
+    rows = np.frombuffer(body, row, count, offset)
     for name, types in properties.items():
         if len(types) == 2 and (rows[f"length of {name}"] != rows[name].shape[1]).any():
             raise ValueError(f"the lists '{name}' differ in length; export it with triangles only")

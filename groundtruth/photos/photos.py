@@ -157,8 +157,8 @@ def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
             say(f"{photo.name}: has the same pixels as {name}, so it is left out")
     if len(sharpness) < FEWEST:
         raise HandbenchError(
-            f"{photos[0].path.parent}: only {len(sharpness)} photographs are different; expected "
-            f"at least {FEWEST}"
+            f"{photos[0].path.parent}: different photographs: {len(sharpness)} of {len(photos)}; "
+            f"expected at least {FEWEST}; take more, from different sides"
         )
     typical = np.median([*sharpness.values()])
     blurred = [photo for photo in sharpness if sharpness[photo] < BLURRED * typical]

@@ -36,6 +36,7 @@ from handbench.support.progress import print_lines
 VIEWED_PX = 320  # of a mesh, along each side
 RANGES = 2000  # of a range profile
 FARTHEST_M = 1.5  # of a range profile
+BUILT_IN = {"target": default_target, "stand": stand_board}
 FEWEST_TONES = 8  # of fewer a range profile repeats too soon
 MOST_CHANNELS = 256  # whose range profiles are averaged
 
@@ -44,7 +45,7 @@ def run(options: argparse.Namespace) -> None:
     """Draw the file or folder that the options name, and print the path of the result: a picture, a
     page on which a surface can be turned, or a drawing of a board or target to print."""
     path: Path = options.path
-    described = path.suffix == ".toml" or not path.exists()
+    described = path.suffix == ".toml" or (str(path) in BUILT_IN and not path.exists())
     endings = (".pdf", ".toml") if described else (".png", ".pdf", ".svg", ".html")
     out = options.out or Path(path.resolve().name).with_suffix(endings[0])
     if out.suffix.lower() not in endings:
@@ -99,9 +100,8 @@ def _seen_from(mesh: Surface) -> tuple[str, np.ndarray]:
 def _draw(path: Path, out: Path) -> None:
     """Write a board or a calibration target as a drawing at true scale (.pdf), or as its
     description (.toml). path: its description, or target or stand, which are built in."""
-    built_in = {"target": default_target(), "stand": stand_board()}.get(str(path))
-    if built_in is not None:
-        values = built_in.model_dump(exclude_none=True)
+    if str(path) in BUILT_IN:
+        values = BUILT_IN[str(path)]().model_dump(exclude_none=True)
     else:
         values = read_toml(path, "board.toml or target.toml")
     title = f"{path.name!a}, at true scale"

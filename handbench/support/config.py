@@ -22,6 +22,19 @@ SMALLEST = 1e-30  # of a number's size
 LARGEST = 1e30
 MOST_PROBLEMS = 1000  # of one table
 SHOWN = 4  # of them in one message
+VALUE = reprlib.Repr()  # as a message quotes it, not a whole table
+VALUE.maxlevel, VALUE.maxdict, VALUE.maxlist, VALUE.maxtuple = 2, 3, 3, 3
+WORDS = {  # pydantic's, as regular expressions, and ours
+    r"^\w+ should (be|have) ": "expected ",
+    r"expected (?=(greater|less) than)": "expected a number ",
+    r"a valid dictionary.*": "a table of keys",
+    r"a valid (list|tuple)": "a list",
+    r"a valid string": "a text",
+    r"a valid integer.*": "a whole number",
+    r"a valid number.*": "a number",
+    r"a valid boolean.*": "true or false",
+    r"^Value error, | after validation": "",
+}
 
 
 class Config(pydantic.BaseModel):
@@ -78,14 +91,12 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
     try:
         return model.model_validate(values)
     except pydantic.ValidationError as error:
-        problems = error.errors(include_url=False)
-        # a list counts its valid items alone, so it is too short where one is wrong
-        outer = {problem["loc"][:n] for problem in problems for n in range(len(problem["loc"]))}
-        named = (
-            _text(problem, values)
-            for problem in problems
-            if problem["type"] != "too_short" or problem["loc"] not in outer
-        )
+        problems = [
+            (_place(problem, values), problem) for problem in error.errors(include_url=False)
+        ]
+        # where an item is wrong, its list is too short, or another kind of value is expected
+        outer = {place[:n] for place, _ in problems for n in range(len(place))}
+        named = (_text(place, problem) for place, problem in problems if place not in outer)
         texts = [*dict.fromkeys(named)]
         others = [f"and {len(texts) - SHOWN} more"] if len(texts) > SHOWN else []
         raise HandbenchError(
@@ -93,26 +104,27 @@ def parse(model: type[ConfigT], values: dict[str, Any], where: str) -> ConfigT:
         ) from None
 
 
-def _text(problem: Any, values: Any) -> str:
-    """Say in words what is wrong with a value. problem: one of pydantic's errors; values: those
-    that were checked."""
-    place = _place(problem, values)
-    key = ".".join(map(str, place))
-    message = problem["msg"].removeprefix("Value error, ")
-    message = message.replace("tuple", "list").replace(" after validation", "")
-    if problem["type"] == "missing":
-        return f"key '{key}' is missing; add it"
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key '{key}'; {suggest(str(place[-1]), problem['ctx']['known'])}"
-    if problem["type"] == "value_error" and isinstance(problem["input"], dict):
-        return f"'{key}': {message}" if key else message
+def _text(place: tuple[int | str, ...], problem: Any) -> str:
+    """Say in words what is wrong with the value at a place. problem: one of pydantic's errors."""
+    key, kind = ".".join(map(str, place)), problem["type"]
+    message = problem["msg"]
+    for pattern, words in WORDS.items():
+        message = re.sub(pattern, words, message)
     if message[1:2].islower():  # no name such as R
         message = message[0].lower() + message[1:]
+    if kind in ("missing", "union_tag_not_found"):
+        return f"key '{key}' is missing; add it"
+    if kind == "extra_forbidden":
+        return f"unknown key '{key}'; {suggest(str(place[-1]), problem['ctx']['known'])}"
+    if kind == "union_tag_invalid":
+        return f"'{key}' is '{problem['ctx']['tag']}'; expected {problem['ctx']['expected_tags']}"
+    if kind == "value_error" and isinstance(problem["input"], dict):
+        return f"'{key}': {message}" if key else message
     subject = f"'{key}'" if key else "the content"
-    return f"{subject} is {reprlib.repr(problem['input'])}; {message}"
+    return f"{subject} is {VALUE.repr(problem['input'])}; {message}"
 
 
-def _place(problem: Any, values: Any) -> list[int | str]:
+def _place(problem: Any, values: Any) -> tuple[int | str, ...]:
     """Return the keys of the file that lead to a wrong value. pydantic's place of it also names the
     chosen alternatives of unions."""
     keys: list[int | str] = []
@@ -122,7 +134,9 @@ def _place(problem: Any, values: Any) -> list[int | str]:
             keys.append(part)
     if problem["type"] == "missing":
         keys.append(problem["loc"][-1])
-    return keys
+    if problem["type"].startswith("union_tag"):
+        keys.append(problem["ctx"]["discriminator"].strip("'"))
+    return tuple(keys)
 
 
 def read_toml(path: str | Path, what: str) -> dict[str, Any]:

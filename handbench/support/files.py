@@ -168,7 +168,10 @@ def read_text(path: str | Path, what: str, most: int) -> str:
     what: the expected file, for the message. Raises ValueError for a file that is not UTF-8, and
     HandbenchError for one that is missing, cannot be read, or has more than `most` bytes."""
     content = io.BytesIO(read_bytes(path, what, most))
-    return io.TextIOWrapper(content, "utf-8-sig").read()
+    try:
+        return io.TextIOWrapper(content, "utf-8-sig").read()
+    except UnicodeDecodeError:
+        raise ValueError("it is not text in UTF-8; save it as UTF-8") from None
 
 
 def read_parsed(path: str | Path, what: str, kind: str, parse: Callable[[str], T], most: int) -> T:
@@ -302,17 +305,20 @@ def read_npz(
 
 
 def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
-    """Read the array in numpy's .npy format that begins at the current position of a stream.
+    """Read the array in numpy's .npy format that fills a stream from its current position.
     room_bytes: number of bytes from there to the end. Raises ValueError for pickled content, and,
-    before memory is allocated, for an array that claims more bytes than there are."""
+    before memory is allocated, for an array that claims more or fewer bytes than there are."""
     start = stream.tell()
     first = npy.read_magic(stream) == (1, 0)
     header = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
     shape, _, dtype = header(stream)
-    if math.prod(shape) * dtype.itemsize > room_bytes:
+    if dtype.hasobject:
+        raise ValueError("an array has objects, which are not read; save it as numbers")
+    room_bytes -= stream.tell() - start
+    if math.prod(shape) * dtype.itemsize != room_bytes:
         raise ValueError(
-            f"an array is {dtype} of shape {shape} by its header, but the file has only "
-            f"{room_bytes} bytes for it"
+            f"an array is {dtype} of shape {shape} by its header, but {room_bytes} bytes follow; "
+            "save each array in a file of its own"
         )
     stream.seek(start)
     return npy.read_array(stream, allow_pickle=False)

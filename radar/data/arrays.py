@@ -200,7 +200,15 @@ def _table(text: str) -> np.ndarray:
     header, *lines = text.strip().split("\n")
     if re.sub(r'[\s"]', "", header) != "x_m,y_m,z_m" or not lines:
         raise ValueError(f"the first line is {header[:80]!r}")
-    return np.loadtxt(lines, delimiter=",", quotechar='"', ndmin=2)
+    return np.array([_row(*line) for line in enumerate(lines, 2) if line[1].strip()])
+
+
+def _row(number: int, line: str) -> list[float]:
+    try:
+        x, y, z = (float(cell.strip(' "')) for cell in line.split(","))
+    except ValueError:
+        raise ValueError(f"line {number} is not three numbers") from None
+    return [x, y, z]
 
 
 def tones(name: str, values: ArrayLike) -> np.ndarray:

@@ -109,13 +109,12 @@ class RadarCapture:
         spacing = np.median(np.diff(different)) if len(different) > 1 else 0.0
         worst = int(off.argmax())
         if off[worst] > max(0.5 * spacing * (1 + 1e-6), 1e6):
-            unit_hz, unit = fitting_unit(different[-1])
-            low, high = different[0] / unit_hz, different[-1] / unit_hz
+            nearest_hz = self.frequencies_hz[index[worst]]
+            unit_hz, unit = fitting_unit(nearest_hz)
             raise HandbenchError(
                 f"frequencies: the method needs a tone at {wanted[worst] / 1e9:.4f} GHz, but the "
-                f"nearest of the capture's {len(self.frequencies_hz)} tones ({low:.4f}–{high:.4f} "
-                f"{unit}) is {off[worst] / 1e6:.1f} MHz away; set the method's tones to measured "
-                "ones"
+                f"nearest one of the capture, {nearest_hz / unit_hz:.4f} {unit}, is "
+                f"{off[worst] / 1e6:.1f} MHz away; set the method's tones to measured ones"
             )
         if len(np.unique(index)) < len(index):
             raise HandbenchError(

@@ -47,7 +47,7 @@ REFUSALS = [  # a command line, and places of its one line; `made` is the folder
     ("evaluate missing.npz --mesh missing.ply", "missing.npz"),
     ("evaluate made/depth.npz --mesh missing.ply", "missing.ply"),
     ("evaluate made/depth.npz --mesh m.ply --plot x.txt", "x.txt", ".png"),
-    ("show missing", "board.toml", "target.toml"),
+    ("show missing.npz -o x.png", "missing.npz"),
     ("show made/capture -o a.html", "a.html", ".png"),
     ("show target -o full", "full", ".toml"),
     ("report missing -o out", "missing"),

@@ -166,7 +166,8 @@ def test_a_scan_in_text_with_lines_and_columns_of_words(tmp_path):
         ("tx", {"dataset": None, "columns": [[1, 2], [1, 2, 3]]}, MAPPING),
         ("frequencies", {"dataset": "../f.csv"}, "../f.csv"),
         ("frequencies", {"dataset": "f.csv:g"}, "'g'"),
-        ("frequencies", {"dataset": "text.mat:f"}, "text.mat"),
+        ("frequencies", {"dataset": "text.mat:f"}, ".txt"),
+        ("frequencies", {"dataset": "two.npy"}, "two.npy"),
         ("frequencies", {"dataset": "7.mat:text"}, "'7.mat:text'"),
         ("frequencies", {"dataset": "cut.mat:text"}, "cut.mat"),
         ("frequencies", {"dataset": "large.mat:xr"}, "65536"),
@@ -180,4 +181,6 @@ def test_what_does_not_fit_is_refused(tmp_path, monkeypatch, table, change, plac
     (tmp_path / "cut.mat").write_bytes((tmp_path / "7.mat").read_bytes()[:150])
     (tmp_path / "f.csv").write_text("f\n1\n2\n")
     (tmp_path / "text.mat").write_text("1")
+    with (tmp_path / "two.npy").open("wb") as file:
+        np.save(file, [1.0]), np.save(file, [2.0])
     refuse(lambda: echoes(tmp_path, changed(ARRAY, **{table: change})), str(tmp_path), place)

@@ -150,3 +150,5 @@ def test_a_recording_that_is_there_twice_is_refused(tmp_path):
     files = "adc_data.bin", "adc_data_Raw_0.bin"
     refuse(lambda: import_ti_raw(tmp_path, tmp_path / "out"), *files)
     assert files[1] in str(*inspect(str(tmp_path)).lines)
+    (tmp_path / "profile.cfg").unlink()
+    assert "ti-raw" in str(*inspect(str(tmp_path)).lines)

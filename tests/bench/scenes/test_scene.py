@@ -33,6 +33,7 @@ def built(target: dict, folder: Path | str = ".", **values: object) -> Scene:
     ("target", "values", "place"),
     [
         ({"kind": "hand", "pose": "J"}, {}, "target.pose"),
+        ({"kind": "balll"}, {}, "'target.kind' is 'balll'"),
         (HAND | {"motion": {"pose": "F"}}, {}, "duration_s"),
         (BALL | {"motion": {"direction": [0, 0, 0]}}, {}, "direction"),
         (BALL, {"sensor": {"frame_period_s": 0.1}}, "0.128 s"),

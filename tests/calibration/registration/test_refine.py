@@ -144,7 +144,7 @@ def test_along_what_a_plane_does_not_determine_the_start_and_its_covariance_stay
         ((300, 0, 0), 41, "0 pixels"),
         ((150, 100, 0), 41, "pixels"),
         ((0, 0, 40), 41, "40.0 mm"),
-        ((0, 0, 0), 1, "(1, 41) pixels"),
+        ((0, 0, 0), 1, "1 × 41 pixels"),
     ],
 )
 def test_what_cannot_be_trusted_is_refused(start_mm, lines, place):

@@ -90,7 +90,7 @@ def test_without_a_scale_there_are_no_poses_and_labels_may_be_paths(tmp_path):
         ("frame", "fisheye", "frame"),
         ("sensor_id='0'", "sensor_id='9'", "9"),
         ("chunk", "piece", "0 Metashape chunks"),
-        ("<transform>", "<transform>7 ", "size 17"),
+        ("<transform>", "<transform>7 ", "17 numbers"),
     ],
 )
 def test_a_wrong_file_is_refused(tmp_path, find, put, place):

@@ -86,7 +86,7 @@ def test_repetitions_are_dropped(tmp_path, capsys):
     for i in (0, 2, 3):
         (tmp_path / f"p{i}.png").write_bytes((tmp_path / "p1.png").read_bytes())
     photos = find_photos(tmp_path)
-    refuse(lambda: select_usable(photos), str(tmp_path), "1 photographs")
+    refuse(lambda: select_usable(photos), str(tmp_path), "1 of 5")
 
 
 @pytest.mark.parametrize("kind", ["defocus", "motion"])
