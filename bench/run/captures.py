@@ -1,18 +1,11 @@
 """The captures of a run: opened where they are recorded, simulated where they are scenes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from handbench.bench.benchmarks.benchmark_file import (
-    BenchFile,
-    Origin,
-    Source,
-    require_clear,
-    scene_of,
-)
+from handbench.bench.benchmarks.benchmark_file import BenchFile, Origin, require_clear, scene_of
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import CaptureFile
+from handbench.bench.datasets.native import CaptureFile, NativeCapture
 from handbench.bench.results.about import MEASURES, Measure
 from handbench.bench.run.engine import Engine
 from handbench.bench.scenes.scene_file import named_files
@@ -48,63 +41,65 @@ class RunCapture:
         return Input(str(self.folder), self.key)
 
 
-# a capture, or the stage that simulates it; and what is measured on it
-Opened = tuple[RunCapture | Stage, tuple[Measure, ...]]
+@dataclass(frozen=True)
+class Opened:
+    """A capture of a benchmark before its run.
+    made: the capture, or the stage that simulates it. measures: what is measured on it. meshed:
+    whether a surface is reconstructed from its photographs."""
+
+    made: RunCapture | Stage
+    measures: tuple[Measure, ...]
+    meshed: bool
+
+    @property
+    def name(self) -> str:
+        """The capture's name."""
+        return self.made.capture if isinstance(self.made, Stage) else self.made.name
+
+    def capture(self, work: Path) -> RunCapture:
+        """Return the capture; that of a scene has to be simulated in the store `work`."""
+        if isinstance(self.made, RunCapture):
+            return self.made
+        folder = self.made.folder(work) / CAPTURE
+        return RunCapture(folder, self.made.key, open_capture(folder).about, self.measures)
+
+    @property
+    def simulation(self) -> list[Stage]:
+        """The stage that simulates the capture, if it is a scene."""
+        return [self.made] if isinstance(self.made, Stage) else []
 
 
-def open_captures(engine: Engine, bench: BenchFile, base: Path) -> list[RunCapture]:
-    """Open the capture folders and simulate the scenes of a benchmark.
+def open_captures(engine: Engine, bench: BenchFile, base: Path) -> list[Opened]:
+    """Open the captures of a benchmark: folders, and scenes.
     base: folder to which the benchmark's paths are relative. A capture that fails is recorded and
     left out. Raises HandbenchError if two captures have the same name."""
     opened: list[Opened] = []
     for source in bench.capture:
         with engine.attempt(source.scene or source.path or "", "open"):
-            opened.append(_open(bench, base, source))
-    names = [require_clear(name, "capture") for name in map(_name, opened)]
+            opened.append(_open(bench, base, source, source.measures))
+    names = [require_clear(one.name, "capture") for one in opened]
     if twice := [name for name in names if names.count(name) > 1]:
         raise HandbenchError(
             f"capture: two captures are named '{twice[0]}'; give each its own name"
         )
-    return _simulated(engine, opened)
+    return opened
 
 
-def open_targets(engine: Engine, bench: BenchFile, base: Path) -> list[RunCapture]:
-    """Open or simulate the captures of the benchmark's calibration target. Raises HandbenchError if
-    one fails, because without the calibration no capture has a reference."""
-    opened = [_open(bench, base, origin) for origin in bench.calibration]
-    return _simulated(engine, opened, essential=True)
+def open_targets(bench: BenchFile, base: Path) -> list[Opened]:
+    """Open the captures of the benchmark's calibration target. Raises HandbenchError if one fails,
+    because without the calibration no capture has a reference."""
+    return [_open(bench, base, origin, MEASURES) for origin in bench.calibration]
 
 
-def _simulated(
-    engine: Engine, opened: Sequence[Opened], essential: bool = False
-) -> list[RunCapture]:
-    """Simulate the captures that are scenes, and return all that can be used, in their order."""
-    scenes = [one for one, _ in opened if isinstance(one, Stage)]
-    folders = engine.perform(scenes, scenes if essential else ())
-    captures = []
-    for one, measures in opened:
-        if isinstance(one, RunCapture):
-            captures.append(one)
-        elif one in folders:
-            folder = folders[one] / CAPTURE
-            about = open_capture(folder).about
-            captures.append(RunCapture(folder, one.key, about, measures))
-    return captures
-
-
-def _name(opened: Opened) -> str:
-    one, _ = opened
-    return one.name if isinstance(one, RunCapture) else one.capture
-
-
-def _open(bench: BenchFile, base: Path, origin: Origin) -> Opened:
-    """Open a capture folder, or return the stage that simulates a scene.
+def _open(bench: BenchFile, base: Path, origin: Origin, measures: tuple[Measure, ...]) -> Opened:
+    """Open a capture folder, or find the stage that simulates a scene.
     base: folder to which the benchmark's paths are relative."""
-    frames, measures = bench.frames_of(origin), _measures(origin)
+    frames, accurate = bench.frames_of(origin), "accuracy" in measures
     if origin.path is not None:
         folder = inside(base, origin.path, "capture.path")
         data = open_capture(folder)
-        return RunCapture(folder, data.key(frames), data.about, measures), measures
+        capture = RunCapture(folder, data.key(frames), data.about, measures)
+        return Opened(capture, measures, accurate and needs_mesh(data, bool(bench.calibration)))
     scene, file = scene_of(bench, base, origin)
     named = [content_hash(path) for path in named_files(scene, file.parent)]
     arguments = {
@@ -112,8 +107,17 @@ def _open(bench: BenchFile, base: Path, origin: Origin) -> Opened:
         "base": Input(str(file.parent), named),
         "frames": frames,
     }
-    return Stage(simulate, arguments, scene.name, shares=scene.photos is not None), measures
+    simulation = Stage(simulate, arguments, scene.name, shares=True)
+    meshed = accurate and scene.photos is not None and bool(bench.calibration)
+    return Opened(simulation, measures, meshed)
 
 
-def _measures(origin: Origin) -> tuple[Measure, ...]:
-    return origin.measures if isinstance(origin, Source) else MEASURES
+def needs_mesh(data: NativeCapture, calibrated: bool) -> bool:
+    """Tell whether a surface has to be reconstructed from a capture's photographs: it has some, it
+    has no mesh, and its own file or the benchmark's calibration gives a transform into the radar
+    frame."""
+    return (
+        data.photos is not None
+        and data.mesh() is None
+        and (calibrated or data.transform() is not None)
+    )

@@ -1,15 +1,15 @@
 """The engine of a run: it carries out stages, and records what they cost and which failed."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from collections import deque
+from collections.abc import Container, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from handbench.bench.results.about import Failure
-from handbench.bench.run.executors import WorkersLostError, alone, started
+from handbench.bench.run.executors import WorkersLostError, started
 from handbench.bench.stages.reconstruct import read_times
 from handbench.support.cost import Cost
 from handbench.support.errors import HandbenchError
@@ -17,72 +17,76 @@ from handbench.support.progress import Work, say
 from handbench.support.store import Stage
 
 Done = tuple[Cost, bool]  # what a stage cost, and whether an earlier run had finished it
+# stages of which each needs the one before: one is asked for when the one before is finished
+Chain = Iterator[Stage]
 
 
 @dataclass
 class Engine:
     """Carries out the stages of a run.
     work: folder of all stages. executor: carries out stages elsewhere (None: all in this process).
-    plan: how many stages each round has at most, for the progress. failures: the stages that
-    failed. tasks: lines of the table of stages. machines: facts of the machines that did the work,
-    by host name. rounds: how many have begun."""
+    failures: the stages that failed. tasks: lines of the table of stages, in the order in which
+    they ended. machines: facts of the machines that did the work, by host name."""
 
     work: Path
-    executor: Executor | None
     progress: Work
-    plan: list[int]
+    executor: Executor | None = None
     failures: list[Failure] = field(default_factory=list)
     tasks: list[dict[str, Any]] = field(default_factory=list)
     machines: dict[str, dict[str, Any]] = field(default_factory=dict)
-    rounds: int = 0
 
-    def perform(
-        self, stages: Sequence[Stage], essential: Sequence[Stage] = ()
-    ) -> dict[Stage, Path]:
-        """Carry out a round of stages that do not depend on each other. Returns the folders of
-        those that are finished, in the order of `stages`.
-        One that fails for a reason that the user can mend is recorded; if it is `essential`,
-        HandbenchError is raised. Any other error ends the run."""
-        self.rounds += 1
-        done: dict[Stage, Done | Failure] = {}
-        running = started(self.executor, self.work, stages)
-        for stage in running.values():
-            self.progress.begin(stage.label)
-        for future in as_completed(running):
-            if not isinstance(future.exception(), WorkersLostError):
-                done[running[future]] = self._ended(running[future], future.result)
-        for stage in stages:
-            if stage not in done:  # or lost, then whichever ended the workers does so again
-                if stage not in running.values():
-                    self.progress.begin(stage.label)
-                done[stage] = self._ended(stage, partial(alone, self.executor, self.work, stage))
-        self.progress.reach(sum(self.plan[: self.rounds]))
-        folders = {}
-        for stage in stages:
-            outcome = done[stage]
-            if not isinstance(outcome, Failure):
-                folders[stage] = self._record(stage, *outcome)
-            elif stage in essential:
-                raise HandbenchError(f"{stage.label}: {outcome.message}")
-            else:
-                self.failures.append(outcome)
-        return folders
+    def perform(self, stages: Sequence[Stage]) -> dict[Stage, Path]:
+        """Carry out stages that do not depend on each other. Returns the folders of those that are
+        finished, in the order of `stages`."""
+        finished = self.follow(iter([stage]) for stage in stages)
+        return {stage: stage.folder(self.work) for stage in stages if stage in finished}
 
-    def _ended(self, stage: Stage, result: Callable[[], Done]) -> Done | Failure:
-        """Return the result of a stage or its failure, and print at once how it ended."""
+    def follow(self, chains: Iterable[Chain], essential: Container[Chain] = ()) -> list[Stage]:
+        """Carry out chains of stages beside each other. Returns the stages that are finished.
+        A stage that fails for a reason that the user can mend ends its chain and is recorded; of an
+        `essential` chain, HandbenchError is raised. Any other error ends the run."""
+        ready, finished = deque(chains), list[Stage]()
+        running: dict[Future[Done], tuple[Chain, Stage]] = {}
+        suspects: list[tuple[Chain, Stage]] = []  # whose workers ended; one of them has ended them
+
+        def end(future: Future[Done], chain: Chain, stage: Stage) -> None:
+            if self._finished(stage, future, chain in essential):
+                finished.append(stage)
+                ready.append(chain)
+
+        while ready or running or suspects:
+            if ready and (stage := next(chain := ready.popleft(), None)):
+                self.progress.begin(stage.label)
+                running[started(self.executor, self.work, stage)] = chain, stage
+            for future in wait(running, 0 if ready else None, FIRST_COMPLETED).done:
+                chain, stage = running.pop(future)
+                if isinstance(future.exception(), WorkersLostError):
+                    suspects.append((chain, stage))
+                else:
+                    end(future, chain, stage)
+            if suspects and not ready and not running:
+                chain, stage = suspects.pop(0)
+                end(started(self.executor, self.work, stage), chain, stage)  # alone
+        return finished
+
+    def _finished(self, stage: Stage, future: Future[Done], essential: bool) -> bool:
+        """Wait for the end of a stage, record and print it; tell whether the stage is finished."""
         try:
-            cost, finished = result()
+            cost, cached = future.result()
         except HandbenchError as error:
-            return failure_of(error, stage.capture, stage.name, stage.method)
+            if essential:
+                raise HandbenchError(f"{stage.label}: {error}") from error
+            self.failures.append(failure_of(error, stage.capture, stage.name, stage.method))
+            return False
         finally:
             self.progress.end(stage.label)
-        say(f"{stage.label}: " + ("cached" if finished else f"{cost.seconds:.1f} s"))
-        return cost, finished
+        say(f"{stage.label}: " + ("cached" if cached else f"{cost.seconds:.1f} s"))
+        self._record(stage, cost, cached)
+        return True
 
-    def _record(self, stage: Stage, cost: Cost, finished: bool) -> Path:
-        """Record what a stage cost, and return its folder."""
-        folder, host = stage.folder(self.work), cost.machine.get("host", "")
-        times = read_times(folder)
+    def _record(self, stage: Stage, cost: Cost, cached: bool) -> None:
+        """Record what a stage cost."""
+        host, times = cost.machine.get("host", ""), read_times(stage.folder(self.work))
         self.machines.setdefault(host, cost.machine)
         self.tasks.append(
             {
@@ -93,14 +97,13 @@ class Engine:
                 "seconds": cost.seconds,
                 "cpu_seconds": cost.cpu_seconds,
                 "peak_memory_mb": cost.peak_memory_mb,
-                "cached": finished,
+                "cached": cached,
                 "plan_seconds": times.get("plan_seconds"),
                 "host": host,
                 "gemm_gflops": cost.machine.get("gemm_gflops"),
                 "others_cores": cost.others_cores,
             }
         )
-        return folder
 
     @contextmanager
     def attempt(self, capture: str, stage: str, method: str = "") -> Iterator[None]:

@@ -6,14 +6,14 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import psutil
 
@@ -25,7 +25,7 @@ from handbench.support.store import Stage, cached, code_key
 if TYPE_CHECKING:  # an extra
     from distributed import Client
 
-MOST = 4  # processes: rounds have about as many long stages
+MOST = 4  # processes: a table has about as many long chains
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
 CONNECT_S = 20.0
 # print tracebacks of lost connections
@@ -104,50 +104,42 @@ def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> 
         return cached(root, stage, facts)
 
 
-def started(
-    executor: Executor | None, root: Path, stages: Sequence[Stage]
-) -> dict[Future[tuple[Cost, bool]], Stage]:
-    """Start the stages that an executor carries out; return its futures with their stages.
-    Processes of this machine get the unfinished stages that share it, provided there are at least
-    two. All other stages are left to this process while nothing else is at work, because the time
-    of imaging is a result. A cluster gets all of them. executor: None for this process alone."""
-    if executor is None:
-        return {}
-    given = list(stages)
-    if isinstance(executor, ProcessExecutor):
-        given = [one for one in stages if one.shares and not one.folder(root).exists()]
-        given = given if len(given) > 1 else []
-    return {executor.submit(elsewhere, root, one): one for one in given}
+def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple[Cost, bool]]:
+    """Start a stage; return the future of what `cached` returns. A cluster gets every stage.
+    Processes of this machine get those that share it and are not in the store `root`; all others
+    are carried out in this process before this function returns, because the time of imaging is a
+    result. executor: None for this process alone."""
+    beside = stage.shares and not stage.folder(root).exists()
+    if isinstance(executor, DaskExecutor) or (executor is not None and beside):
+        return executor.submit(elsewhere, root, stage)
+    future: Future[tuple[Cost, bool]] = Future()
+    try:
+        future.set_result(cached(root, stage))
+    except HandbenchError as error:
+        future.set_exception(error)
+    return future
 
 
-def alone(executor: Executor | None, root: Path, stage: Stage) -> tuple[Cost, bool]:
-    """Carry out a stage while nothing else is at work, and return what `cached` does: on the
-    cluster, or in this process."""
-    if isinstance(executor, DaskExecutor):
-        return cast(tuple[Cost, bool], executor.submit(elsewhere, root, stage).result())
-    return cached(root, stage)
-
-
-def process_count() -> int:
-    """Return the number of processes for which this machine has cores and free memory; 1 if this
-    process may not start others."""
+def process_count(chains: int) -> int:
+    """Return the number of processes for which a run has work, that is long chains of stages, and
+    this machine has cores and free memory; 1 if this process may not start others."""
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
-    return min(cores, MOST, int(psutil.virtual_memory().available / STAGE_BYTES))
+    return min(cores, chains, MOST, int(psutil.virtual_memory().available / STAGE_BYTES))
 
 
 @contextmanager
-def executor(scheduler: str | None = None) -> Iterator[Executor | None]:
+def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | None]:
     """Provide the executor of a run as a context manager; None for this process alone.
-    scheduler: address of a Dask scheduler, tcp://host:port, whose workers are then used; without
-    it, several processes of this machine. Raises HandbenchError if the system ends a process, if no
-    scheduler answers, or if it stops answering during the run."""
+    count: number of processes on this machine. scheduler: address of a Dask scheduler,
+    tcp://host:port, whose workers are used instead. Raises HandbenchError if the system ends a
+    process, if no scheduler answers, or if it stops answering during the run."""
     if scheduler is not None:
         with _cluster(scheduler) as cluster:
             yield cluster
         return
-    if (count := process_count()) < 2:
+    if count < 2:
         yield None
         return
     processes, others = ProcessExecutor(count), set(active_children())

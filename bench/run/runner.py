@@ -1,14 +1,15 @@
 """Run a whole benchmark: every capture × method, from photographs and echoes to the table.
 
-The steps are the functions of this module, in order. Each carries out a round of stages
-(`bench.stages`), whose results are kept in folders; a later step reads them there. Results do not
-depend on where the stages are carried out. A stage that fails is reported and recorded, and the run
-goes on without it.
+The steps are the functions of this module, in order. Each carries out stages (`bench.stages`),
+whose results are kept in folders; a later step reads them there. Results do not depend on where the
+stages are carried out. A stage that fails is reported and recorded, and the run goes on without
+it.
 """
 
 import random
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,9 +23,9 @@ from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.pipeline.image import configured
 from handbench.bench.results.result_folder import Result, load
-from handbench.bench.run.captures import RunCapture, open_captures, open_targets
-from handbench.bench.run.engine import Engine
-from handbench.bench.run.executors import executor
+from handbench.bench.run.captures import Opened, RunCapture, open_captures, open_targets
+from handbench.bench.run.engine import Chain, Engine
+from handbench.bench.run.executors import executor, process_count
 from handbench.bench.run.write_result import Imaged, RunOutcome, write
 from handbench.bench.stages.calibrate import REGISTRATION, TARGET_QUALITY, calibrate, photographs
 from handbench.bench.stages.foreign import foreign_stage
@@ -65,51 +66,59 @@ def run(
     Raises HandbenchError if the folder has the results of another benchmark, or every capture
     fails."""
     config = tomlkit.dumps(bench.model_dump(mode="json", exclude_none=True))
-    base, plan = base.resolve(), stage_counts(bench)
+    base = base.resolve()
     read_sources()
-    with locked(folder) as work, executor(scheduler) as elsewhere, counted(sum(plan)) as progress:
+    with locked(folder) as work, counted(0) as progress:
         _require_same(folder, config, overwrite)
         announce()  # the processes say nothing
-        engine = Engine(work.resolve(), elsewhere, progress, plan)
-        captures = open_captures(engine, bench, base)
-        targets = open_targets(engine, bench, base)
-        warnings = inspect(engine, captures)
-        meshes, registration = reconstruct_photographs(engine, bench, captures, targets)
-        qualities = measure_groundtruth(engine, bench, captures)
-        images = image(engine, bench, base, captures)
-        surfaces = find_references(engine, captures, meshes, registration)
-        scores = score(engine, bench, captures, images, surfaces)
+        engine = Engine(work.resolve(), progress)
+        opened, targets = open_captures(engine, bench, base), open_targets(bench, base)
+        shared, timed = stage_counts(bench, opened, targets)
+        progress.total = shared + timed + sum("accuracy" in one.measures for one in opened)
+        processes = process_count(sum(one.meshed for one in [*opened, *targets]))
+        progress.abreast = None if scheduler else processes
+        with executor(processes, scheduler) as engine.executor:
+            prepared, rig = prepare(engine, bench, opened, targets)
+            progress.reach(shared)
+            captures = [one.capture for one in prepared]
+            qualities = measure_groundtruth(engine, bench, captures)
+            images = image(engine, bench, base, captures)
+            progress.reach(shared + timed)
+            surfaces = find_references(engine, prepared, rig.transform)
+            scores = score(engine, bench, captures, images, surfaces)
+        progress.reach(progress.total)
+        warnings = {one.capture.name: one.warnings for one in prepared if one.warnings}
         facts = {"warnings": warnings, "command": command, "refined_transforms": refined(surfaces)}
-        if registration is not None:
-            facts |= registration_facts(registration, targets[0])
+        if rig.transform is not None:
+            facts |= registration_facts(rig.transform, rig.targets[0])
         outcome = RunOutcome(
             bench=bench,
             captures=captures,
-            targets=targets,
+            targets=rig.targets,
             engine=engine,
             images=by_pair(images),
             qualities=qualities,
             references={name: tuple(of) for name, of in surfaces.items()},
             scores=scores,
-            meshes={name: mesh.folder(engine.work) for name, mesh in meshes.items()},
+            meshes={p.capture.name: p.mesh.folder(engine.work) for p in prepared if p.mesh},
             facts={name: fact for name, fact in facts.items() if fact},
         )
         write(folder, outcome, config)
     return load(folder)
 
 
-def stage_counts(bench: BenchFile) -> list[int]:
-    """Return how many stages each round of a run has at most, for its progress."""
-    captures, targets = len(bench.capture), len(bench.calibration)
-    accurate = sum("accuracy" in source.measures for source in bench.capture)
-    photographs = [accurate + targets] * 2 + [accurate + bool(targets)]
-    qualities = len(bench.groundtruth.sweep.quality) if bench.groundtruth.sweep else 0
-    images = sum(
-        ("accuracy" in source.measures) + ("precision" in source.measures and entry.precision)
-        for source, entry in product(bench.capture, bench.method)
-    )
-    timed = [accurate * len(bench.method)] * (bench.rounds - 1)
-    return [captures, targets, captures, *photographs, qualities, images, *timed, accurate]
+def stage_counts(
+    bench: BenchFile, opened: Sequence[Opened], targets: Sequence[Opened]
+) -> tuple[int, int]:
+    """Return how many stages a run has before those that are timed, and how many are timed, if all
+    of them succeed."""
+    shared = sum(len(one.simulation) + 1 + 3 * one.meshed for one in opened)
+    shared += sum(len(one.simulation) + 2 for one in targets) + bool(targets)
+    timed = len(bench.groundtruth.sweep.quality) if bench.groundtruth.sweep else 0
+    for one, entry in product(opened, bench.method):
+        timed += ("accuracy" in one.measures) * (1 if entry.foreign else bench.rounds)
+        timed += "precision" in one.measures and entry.precision and not entry.foreign
+    return shared, timed
 
 
 def _require_same(folder: Path, config: str, overwrite: bool) -> None:
@@ -124,57 +133,79 @@ def _require_same(folder: Path, config: str, overwrite: bool) -> None:
         )
 
 
-def inspect(engine: Engine, captures: Sequence[RunCapture]) -> dict[str, list[str]]:
-    """Check all captures for likely mistakes, which are printed. Returns the warnings: capture →
-    texts."""
-    stages = [Stage(inspect_capture, {"capture": c.input}, c.name) for c in captures]
-    warnings = {
-        stage.capture: read_json(folder / INSPECTION, "warnings")["warnings"]
-        for stage, folder in engine.perform(stages).items()
-    }
-    return {name: texts for name, texts in warnings.items() if texts}
+@dataclass
+class Prepared:
+    """A capture before its imaging: warnings of likely mistakes, and the stage that made the
+    surface of its photographs."""
+
+    capture: RunCapture
+    warnings: Sequence[str] = ()
+    mesh: Stage | None = None
 
 
-def reconstruct_photographs(
-    engine: Engine, bench: BenchFile, captures: Sequence[RunCapture], targets: Sequence[RunCapture]
-) -> tuple[dict[str, Stage], Transform | None]:
-    """Reconstruct all photographs that are needed: cameras, then point clouds, then the mesh of
-    each capture; and register camera and radar by the clouds of the calibration target.
-    Returns capture → the stage that made its mesh, and the transform from the photo frame to the
-    radar frame, None without a calibration. Raises HandbenchError if the calibration fails."""
-    of_targets = [photo_stages(engine, t, TARGET_QUALITY, bench.seed) for t in targets]
-    chains, quality = list(of_targets), bench.groundtruth.quality
-    for capture in captures:
-        with engine.attempt(capture.name, "photographs"):
-            if capture.accurate and needs_mesh(capture, bench):
-                chains.append(photo_stages(engine, capture, quality, bench.seed))
-    for number in range(2):  # sparse, dense
-        essential = [chain[number] for chain in of_targets]
-        folders = engine.perform([chain[number] for chain in chains], essential)
-        chains = [chain for chain in chains if chain[number] in folders]
-    clouds = [dense.output(engine.work, CLOUD) for _, dense, _ in of_targets]
-    arguments = {"captures": [target.input for target in targets], "clouds": clouds}
-    calibration = [Stage(calibrate, arguments, targets[0].name, shares=True)] if targets else []
-    meshes = [mesh for _, _, mesh in chains[len(targets) :]]
-    folders = engine.perform([*calibration, *meshes], calibration)
-    registrations = [load_transform(folders[one] / REGISTRATION) for one in calibration]
-    finished = {mesh.capture: mesh for mesh in meshes if mesh in folders}
-    return finished, registrations[0] if registrations else None
+@dataclass
+class Rig:
+    """Camera and radar: captures of the calibration target, and the transform from the photo frame
+    to the radar frame (None without a calibration)."""
+
+    targets: list[RunCapture] = field(default_factory=list)
+    transform: Transform | None = None
 
 
-def photo_stages(engine: Engine, capture: RunCapture, quality: Quality, seed: int) -> PhotoStages:
+def prepare(
+    engine: Engine, bench: BenchFile, opened: Sequence[Opened], targets: Sequence[Opened]
+) -> tuple[list[Prepared], Rig]:
+    """Simulate and inspect captures, reconstruct the photographs that are needed, and register
+    camera and radar by the calibration target. A capture that cannot be simulated is left out.
+    Raises HandbenchError if the calibration fails."""
+    rig, prepared = Rig(), dict[str, Prepared]()
+    registration = registered(engine, bench, targets, rig)
+    chains = [preparation(engine, bench, one, prepared) for one in opened]
+    engine.follow([registration, *chains], essential=[registration])
+    return [prepared[one.name] for one in opened if one.name in prepared], rig
+
+
+def preparation(
+    engine: Engine, bench: BenchFile, opened: Opened, prepared: dict[str, Prepared]
+) -> Chain:
+    """Yield the stages that precede the imaging of a capture, each when those before it are
+    finished. What they made is entered in `prepared`, by the capture's name."""
+    yield from opened.simulation
+    capture = opened.capture(engine.work)
+    made = prepared[capture.name] = Prepared(capture)
+    inspection = Stage(inspect_capture, {"capture": capture.input}, capture.name)
+    yield inspection
+    file = inspection.folder(engine.work) / INSPECTION
+    made.warnings = read_json(file, "warnings")["warnings"]
+    if opened.meshed:
+        quality = bench.groundtruth.quality
+        sparse, dense, mesh = photo_stages(engine.work, capture, quality, bench.seed)
+        yield from (sparse, dense, mesh)
+        made.mesh = mesh
+
+
+def registered(engine: Engine, bench: BenchFile, opened: Sequence[Opened], rig: Rig) -> Chain:
+    """Yield the stages that register camera and radar by the clouds of the calibration target, each
+    when those before it are finished. What they made is entered in `rig`."""
+    clouds = list[Input]()
+    for one in opened:
+        yield from one.simulation
+        rig.targets.append(target := one.capture(engine.work))
+        sparse, dense, _ = photo_stages(engine.work, target, TARGET_QUALITY, bench.seed)
+        yield from (sparse, dense)
+        clouds.append(dense.output(engine.work, CLOUD))
+    if opened:
+        arguments = {"captures": [target.input for target in rig.targets], "clouds": clouds}
+        calibration = Stage(calibrate, arguments, rig.targets[0].name, shares=True)
+        yield calibration
+        rig.transform = load_transform(calibration.folder(engine.work) / REGISTRATION)
+
+
+def photo_stages(work: Path, capture: RunCapture, quality: Quality, seed: int) -> PhotoStages:
     """Return the three stages that reconstruct a capture's photographs: cameras (sparse), point
     cloud (dense) and mesh. Raises HandbenchError if the capture has no photographs."""
     folder, options = photographs(capture.folder, quality, seed)
-    return pipeline.stages(engine.work, folder, options, [capture.key], capture=capture.name)
-
-
-def needs_mesh(capture: RunCapture, bench: BenchFile) -> bool:
-    """Tell whether a capture's photographs have to be reconstructed: it has some, it has no mesh,
-    and the capture or the benchmark's calibration gives a transform into the radar frame."""
-    data = open_capture(capture.folder)
-    carried = bool(bench.calibration) or data.transform() is not None
-    return carried and data.photos is not None and data.mesh() is None
+    return pipeline.stages(work, folder, options, [capture.key], capture=capture.name)
 
 
 def measure_groundtruth(
@@ -262,20 +293,18 @@ def imaging_stages(
 
 
 def find_references(
-    engine: Engine,
-    captures: Sequence[RunCapture],
-    meshes: dict[str, Stage],
-    registration: Transform | None,
+    engine: Engine, prepared: Sequence[Prepared], registration: Transform | None
 ) -> dict[str, dict[str, Surface]]:
     """Find for each capture the surfaces with which its depth maps are compared: capture →
     reference → surface. A capture without any is recorded as a failure.
-    meshes: capture → stage that made a mesh of its photographs. registration: transform from the
-    photo frame to the radar frame, for captures that have none."""
+    registration: transform from the photo frame to the radar frame, for captures that have none."""
     failed = {failure.capture for failure in engine.failures if not failure.method}
     surfaces: dict[str, dict[str, Surface]] = {}
-    for capture in (c for c in captures if c.accurate and c.name not in failed):
-        mesh = meshes.get(capture.name)
-        made = None if mesh is None else mesh.output(engine.work, MESH)
+    for one in prepared:
+        capture = one.capture
+        if not capture.accurate or capture.name in failed:
+            continue
+        made = None if one.mesh is None else one.mesh.output(engine.work, MESH)
         with engine.attempt(capture.name, "references"):
             surfaces[capture.name] = references(capture, registration, made)
     return surfaces
@@ -341,5 +370,5 @@ def score(
             "references": carried,
             "protocol": bench.protocol,
         }
-        stages.append(Stage(score_capture, arguments, capture.name))
+        stages.append(Stage(score_capture, arguments, capture.name, shares=True))
     return {stage.capture: folder for stage, folder in engine.perform(stages).items()}

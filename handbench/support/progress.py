@@ -1,5 +1,5 @@
 """What a command prints: its progress on stderr, one line, drawn again and again on a terminal and
-printed every 10 s elsewhere; and long lines of its output, broken between words."""
+printed every 10 s elsewhere, if it changed; and long lines of its output, broken between words."""
 
 import json
 import shutil
@@ -70,12 +70,13 @@ def duration(seconds: float) -> str:
 class Work:
     """Counted parts of a command's work.
     total: number of parts (0: unknown); done: how many have ended; running: labels of those that
-    have begun; detail: the step of a part that is at work now; start: time.monotonic() at the
-    beginning."""
+    have begun; abreast: how many of these are at work at a time, the others wait; detail: the step
+    of a part that is at work now; start: time.monotonic() at the beginning."""
 
     total: int
     done: int = 0
     running: list[str] = field(default_factory=list)
+    abreast: int | None = None
     detail: str = ""
     start: float = field(default_factory=time.monotonic)
 
@@ -102,14 +103,12 @@ class Work:
         self.done = max(self.done, done)
 
     def line(self) -> str:
-        """Return the number of the part at work, of all; the time since the start; and the running
-        parts, if there are any, with the current step."""
-        at, running = self.done + 1, list(self.running)
-        count = f"{min(at, self.total)} of {self.total}" if self.total else f"{at}"
-        others = f" and {len(running) - 1} more" if len(running) > 1 else ""
-        now = ", ".join(filter(None, (*running[:1], self.detail)))
-        text = f"{count}, {duration(time.monotonic() - self.start)}"
-        return f"{text}: {now}{others}" if now else text
+        """Return how many parts are done, of how many; the time since the start; and the parts at
+        work, if there are any, with the current step. It has at most 80 characters."""
+        count = f"{min(self.done, self.total)} of {self.total}" if self.total else f"{self.done}"
+        text = f"{count} done, {duration(time.monotonic() - self.start)} so far"
+        at_work = ", ".join(filter(None, (*self.running[: self.abreast], self.detail)))
+        return textwrap.shorten(f"{text}; now {at_work}" if at_work else text, 80, placeholder=" …")
 
 
 _current: Work | None = None
@@ -149,13 +148,16 @@ def _live(work: Work) -> AbstractContextManager[Any]:
 
 @contextmanager
 def _lines(work: Work) -> Iterator[None]:
-    """Print a line of progress every 10 s (PLAIN_INTERVAL_S) while the block runs, by a thread that
-    only reads `work`."""
+    """Print the line of progress while the block runs, by a thread that only reads `work`: every
+    10 s (PLAIN_INTERVAL_S), if it says something new."""
     ended = threading.Event()
 
     def print_lines() -> None:
+        printed = ""
         while not ended.wait(PLAIN_INTERVAL_S):
-            say(work.line())
+            if (line := work.line()) != printed:
+                say(line)
+                printed = line
 
     printer = threading.Thread(target=print_lines, daemon=True)
     printer.start()

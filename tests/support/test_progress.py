@@ -36,7 +36,7 @@ def test_inner_work_is_a_step_of_the_outer(monkeypatch):
     seen = []
     with progress.counted(4) as work, work.part("imaging"):
         for _ in progress.track("ab", "planes"):
-            seen.append(work.line().partition(": ")[2])
+            seen.append(work.line().partition("now ")[2])
         with progress.counted(7) as inner, inner.part("of a function"):
             assert work.running == ["imaging"]
         assert work.done == 0
@@ -54,7 +54,7 @@ def test_a_terminal_gets_one_bar_and_lines_above_it(monkeypatch):
             time.sleep(0.01)
         drawn = sys.stderr.getvalue()
     warning = f"{progress.ERASE_LINE}a warning\n"
-    assert warning in drawn and "1 of 4" in drawn
+    assert warning in drawn and "0 of 4" in drawn
     assert "\n" not in drawn.replace(warning, "").strip("\n")  # one line, drawn again and again
 
 
@@ -65,7 +65,7 @@ def test_elsewhere_lines_say_the_same(monkeypatch, capsys):
         deadline = time.monotonic() + 60
         while "hard cases" not in (err := capsys.readouterr().err) and time.monotonic() < deadline:
             time.sleep(0.01)
-    assert "1 of 1, 0 s: hard cases\n" in err
+    assert "0 of 1 done, 0 s so far; now hard cases\n" in err
     assert progress.ERASE_LINE not in err
 
 

@@ -50,4 +50,4 @@ def engine_of(root: Path, executor: Executor | None) -> Engine:
     from handbench.support.progress import Work
 
     root.mkdir(exist_ok=True)
-    return Engine(root, executor, Work(0), [0])
+    return Engine(root, Work(0), executor)

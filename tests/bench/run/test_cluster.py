@@ -90,19 +90,19 @@ def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x"])
 def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
     monkeypatch.setattr(executors, "CONNECT_S", 0.1)
-    refuse(executors.executor(address).__enter__, "--scheduler", address)
+    refuse(executors.executor(1, address).__enter__, "--scheduler", address)
 
 
 def test_a_cluster_needs_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refuse(executors.executor("tcp://x").__enter__, "--scheduler", "handbench[cluster]")
+    refuse(executors.executor(1, "tcp://x").__enter__, "--scheduler", "handbench[cluster]")
 
 
 def test_a_scheduler_that_is_lost_is_named_and_a_file_s_error_stays(monkeypatch):
     monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
 
     def lose(error: BaseException) -> None:
-        with executors.executor("tcp://127.0.0.1:1"):
+        with executors.executor(1, "tcp://127.0.0.1:1"):
             raise error
 
     for lost in (CancelledError(), OSError("closed")):

@@ -55,8 +55,8 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
     assert engine.perform([]) == {}
     assert [*engine.perform(stages_of("a")).values()] == [stages[0].folder(engine.work)]
     assert engine.tasks[-1]["cached"] and engine.progress.done == 6
-    bad = stages_of("bad")
-    refuse(lambda: engine.perform(bad, essential=bad), "mesh-bad", "mend me")
+    bad = iter(stages_of("bad"))
+    refuse(lambda: engine.follow([bad], essential=[bad]), "mesh-bad", "mend me")
     with pytest.raises(ZeroDivisionError, match="a bug") as caught:
         engine.perform(stages_of("d", "bug", "e"))
     if isinstance(executor, ProcessExecutor):
@@ -66,8 +66,8 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
 def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
     cores, engine = os.sched_getaffinity(0), engine_of(tmp_path / "work", beside)
     images, meshes = stages_of("f", "u", shares=False), stages_of(*"abcd")
-    folders = engine.perform([images[0], *meshes, images[1]]).values()
-    first, *of_meshes, last = [read_json(folder / SPAN, "a span") for folder in folders]
+    folders = [*engine.perform(meshes).values(), *engine.perform(images).values()]
+    *of_meshes, first, last = [read_json(folder / SPAN, "a span") for folder in folders]
     assert len({pid for _, _, pid, _ in of_meshes}) == COUNT, "a process for each core"
     assert {threads for *_, threads in of_meshes} == {max(workers() // COUNT, 1)}, "its share"
     for image in (first, last):
@@ -78,19 +78,16 @@ def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
     assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
 
 
-def test_one_stage_or_too_little_memory_starts_no_process(beside, tmp_path, monkeypatch):
-    [folder] = engine_of(tmp_path / "work", beside).perform(stages_of("a")).values()
-    assert read_json(folder / "pid.json", "an id") == os.getpid()
+def test_one_chain_or_too_little_memory_starts_no_process(monkeypatch):
+    assert executors.process_count(1) == 1
     monkeypatch.setattr(executors, "STAGE_BYTES", 1e18)
-    with executors.executor() as none:
+    with executors.executor(executors.process_count(2)) as none:
         assert none is None
 
 
-def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path, monkeypatch):
-    monkeypatch.setattr(executors, "process_count", lambda: 2)
-
+def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path):
     def end() -> None:
-        with executors.executor() as processes:
+        with executors.executor(2) as processes:
             engine_of(tmp_path / "work", processes).perform(stages_of("a", "deadly"))
 
     refuse(end, "HANDBENCH_WORKERS=1")
@@ -99,8 +96,7 @@ def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path, monkeypatch)
 def _endless(root: Path) -> None:
     # ignored where a shell started the tests in background
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    executors.process_count = lambda: COUNT
-    with executors.executor() as processes:
+    with executors.executor(COUNT) as processes:
         engine_of(root, processes).perform(stages_of("endless", "endless"))
 
 

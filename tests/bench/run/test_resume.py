@@ -69,8 +69,8 @@ def test_a_run_killed_after_a_stage_goes_on_there(
     new = {"mesh": [False], "calibrate": [False], "repeat": [False], "score": [False]}
     assert kept.to_dict() == {
         "inspect": [True],
-        "sparse": [True, True],
-        "dense": [True, False],  # of the target, then of the capture
+        "sparse": [True, False],  # of the target, then of the capture
+        "dense": [True, False],
         "reconstruct": [False, False],
         **new,
     }

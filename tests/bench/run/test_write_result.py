@@ -60,7 +60,7 @@ def write_plate(small_bench, tmp_path):
             bench=bench,
             captures=[RunCapture(folder, "0" * 64, CaptureFile(name="plate"))],
             targets=[],
-            engine=Engine(tmp_path, None, Work(0), []),
+            engine=Engine(tmp_path, Work(0)),
             images=by_pair(images),
             qualities=[],
             references={"plate": tuple(files)},
