@@ -15,19 +15,16 @@ from handbench.support.files import read_json, write_json
 
 # larger than the Earth's radius: offsets, residuals and roots of covariances are smaller
 LARGEST_M = 1e7
+ROUNDING = 1e-6  # of a rotation, a scale and a covariance, as files write them
 
 
 def _in_one_row(rows: Any) -> Any:
     """Return the numbers of several rows as one list."""
-    try:
-        return np.ravel(rows).tolist()
-    except ValueError:
-        raise ValueError("its rows should be of one length") from None
+    return np.ravel(np.asarray(rows, object)).tolist()
 
 
-Numbers = Annotated[  # also in rows
-    tuple[Annotated[float, Field(gt=-LARGEST_M, lt=LARGEST_M)], ...], BeforeValidator(_in_one_row)
-]
+Length = Annotated[float, Field(strict=True, gt=-LARGEST_M, lt=LARGEST_M)]
+Numbers = Annotated[tuple[Length, ...], BeforeValidator(_in_one_row)]  # also in rows
 Matrix = Annotated[Numbers, Field(min_length=16, max_length=16)]  # 4×4, row by row
 Covariance = Annotated[Numbers, Field(min_length=36, max_length=36)]  # 6×6
 
@@ -109,12 +106,13 @@ class Transform:
         write_json(path, content)
 
 
-class TransformFile(Config, extra="ignore"):
-    """The content of a transform's file, see `Transform`."""
+class TransformFile(Config):
+    """The content of a transform's file, see `Transform`. scale: the matrix's, for readers."""
 
     source: str = Field(alias="from")
     target: str = Field(alias="to")
     matrix: Matrix
+    scale: float | None = None
     covariance: Covariance | None = None
     residuals_m: Numbers = ()
     refined: str | None = None
@@ -175,7 +173,8 @@ def umeyama(
 
 def load_transform(path: str | Path) -> Transform:
     """Read a transform from a JSON file. Raises HandbenchError unless its matrix is a finite 4×4
-    similarity without reflection and its covariance, if there is one, is symmetric and positive."""
+    similarity without reflection, with the scale that is given beside it, and its covariance, if
+    there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     file = parse(TransformFile, content, str(path))
     covariance = None if file.covariance is None else np.reshape(file.covariance, (6, 6))
@@ -189,15 +188,20 @@ def load_transform(path: str | Path) -> Transform:
     )
     if (
         not transform.scale > 0
-        or np.abs(transform.rotation @ transform.rotation.T - np.eye(3)).max() > 1e-6
+        or np.abs(transform.rotation @ transform.rotation.T - np.eye(3)).max() > ROUNDING
         or np.abs(transform.matrix[3] - [0, 0, 0, 1]).max() > 1e-12
     ):
         raise HandbenchError(
             f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear, "
             "or its last row is not [0, 0, 0, 1]); calibrate again"
         )
+    if file.scale is not None and abs(file.scale / transform.scale - 1) > ROUNDING:
+        raise HandbenchError(
+            f"{path}: 'scale' is {file.scale:.9g}, but that of 'matrix' is {transform.scale:.9g}; "
+            "multiply the rotation in the matrix by the scale"
+        )
     if covariance is not None:
-        largest = 1e-6 * np.abs(covariance).max()
+        largest = ROUNDING * np.abs(covariance).max()
         if (
             np.abs(covariance - covariance.T).max() > largest
             or np.linalg.eigvalsh(covariance)[0] < -largest

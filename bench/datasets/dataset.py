@@ -79,6 +79,11 @@ def _expected(folder: Path) -> str:
     return f"expected {KNOWN}{''.join(hints)}"
 
 
+def has_capture(folder: Path) -> bool:
+    """Tell whether a folder is a capture, or has one below it."""
+    return bool(_below(folder))
+
+
 def _reader(folder: Path) -> type[NativeCapture] | None:
     """Return the class that reads the capture in a folder; None if there is no capture."""
     readers: list[type[NativeCapture]] = [NativeCapture, *FOREIGN.values()]

@@ -6,6 +6,7 @@ SDK 3.6 user's guide and mmw_cli.c (.cfg); gAntDef_* and gAntennaSpacing of ante
 TI's SDK and radar toolbox (ti_boards.csv); antPhaseRot of TI's people tracking (its signs).
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -92,6 +93,8 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
 
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings)
+    for warning in raw_warnings(profile, beat):
+        say(f"{source}: {warning}")
     if profile.real:
         from scipy.signal import hilbert  # half a second
 
@@ -117,7 +120,7 @@ def is_ti_raw(folder: Path) -> bool:
 
 def read_raw(source: Path, settings: dict[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
     """Read the chirp profile and the samples [frame, loop, chirp of the loop, receiver, sample] of
-    a raw capture's folder, and warn if they are more or fewer frames than the profile's.
+    a raw capture's folder.
 
     settings: fields of the profile that replace the file's. Raises HandbenchError if the files do
     not agree with the profile.
@@ -128,12 +131,17 @@ def read_raw(source: Path, settings: dict[str, Any]) -> tuple[ChirpProfile, np.n
         raise HandbenchError(f"{source}: has {names}; expected one .cfg file, the chirp profile")
     profile = parse(ChirpProfile, _read_cfg(profiles[0]) | settings, str(profiles[0]))
     samples = _decode(_read_content(source), profile, source)
-    if profile.frames not in (0, len(samples)):
-        say(
-            f"{source}: has {len(samples)} frames, but its .cfg asks for {profile.frames}; check "
-            "that the recording is complete"
-        )
     return profile, samples
+
+
+def raw_warnings(profile: ChirpProfile, samples: np.ndarray) -> Iterator[str]:
+    """Yield a warning if the samples [frame, …] are not those of as many frames as the profile asks
+    for."""
+    if profile.frames not in (0, len(samples)):
+        yield (
+            f"has {len(samples)} frames, but its .cfg asks for {profile.frames}; check that the "
+            "recording is complete"
+        )
 
 
 def _read_content(source: Path) -> bytes:

@@ -1,6 +1,7 @@
 """The step from echoes to a depth map: checks of the capture, imaging by a method, and the
 uncertainty of the depths."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.evidence import require_evidence
+from handbench.radar.methods.evidence import frames_with_echoes, require_evidence
 from handbench.radar.methods.registry import Method, method
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.cost import setting
@@ -45,32 +46,38 @@ def prepare(
     echoes: RadarCapture,
     chosen: Method,
     settings: MethodSettings,
-    frame: int = 0,
+    frames: Sequence[int] = (0,),
     every_nth_antenna: int = 1,
 ) -> ImagingTask:
-    """Check that a method can image the frames 0 to `frame` of a capture, and return the task that
-    images them.
+    """Check that a method can image some frames of a capture, and return the task that images them.
 
     Args:
         echoes: the capture, with these frames at least.
         chosen: the method.
         settings: its configuration, from `configuration`.
-        frame: the last frame that is needed.
+        frames: numbers of the frames that are needed.
         every_nth_antenna: keep every n-th transmitter and receiver, in the order of the file.
 
     Raises:
-        HandbenchError: the capture lacks the frame or a tone, its echoes show no depth, or an
+        HandbenchError: the capture lacks a frame or a tone, its echoes show no depth, or an
             antenna is implausibly far away (positions in millimetres).
     """
     require_near(echoes)
-    if not 0 <= frame < len(echoes.samples):
-        raise HandbenchError(
-            f"frame {frame}: does not exist; the capture has frames 0 to {len(echoes.samples) - 1}"
-        )
     echoes = thin_antennas(echoes, every_nth_antenna)
-    for each in range(frame + 1):
-        require_evidence(echoes, settings, each)
+    for frame in frames:
+        if not 0 <= frame < (count := len(echoes.samples)):
+            raise HandbenchError(
+                f"frame {frame}: does not exist; the capture has frames 0 to {count - 1}"
+            )
+        require_evidence(echoes, settings, frame)
     return ImagingTask(chosen, settings, echoes)
+
+
+def required_frames(echoes: RadarCapture, count: int) -> list[int]:
+    """Return the numbers of the first `count` frames, without those after the first that a capture
+    has recorded without any echo."""
+    silent = {*range(1, len(echoes.samples))} - {*frames_with_echoes(echoes.samples)}
+    return [number for number in range(count) if number not in silent]
 
 
 def image(
@@ -81,7 +88,7 @@ def image(
     the frame."""
     from handbench.radar.warmup import compile_kernels
 
-    task = prepare(echoes, chosen, settings, frame)
+    task = prepare(echoes, chosen, settings, [frame])
     compile_kernels()
     return task.with_uncertainty(task.image(frame), frame)
 

@@ -18,12 +18,13 @@ from handbench.support.store import Input, Stage
 @dataclass(frozen=True)
 class RunCapture:
     """A capture of the run: its folder, the hash of its content (key), its description (about), and
-    what is measured on it ("accuracy", "precision" or both)."""
+    what is measured on it ("accuracy", "precision" or both), on its first `frames` frames."""
 
     folder: Path
     key: str
     about: CaptureFile
     measures: tuple[Measure, ...] = MEASURES
+    frames: int = 1
 
     @property
     def name(self) -> str:
@@ -61,7 +62,8 @@ class Opened:
         if isinstance(self.made, RunCapture):
             return self.made
         folder = self.made.folder(work) / CAPTURE
-        return RunCapture(folder, self.made.key, open_capture(folder).about, self.measures)
+        about, frames = open_capture(folder).about, self.made.arguments["frames"]
+        return RunCapture(folder, self.made.key, about, self.measures, frames)
 
     @property
     def simulation(self) -> list[Stage]:
@@ -98,7 +100,7 @@ def _open(bench: BenchFile, base: Path, origin: Origin, measures: tuple[Measure,
     if origin.path is not None:
         folder = inside(base, origin.path, "capture.path")
         data = open_capture(folder)
-        capture = RunCapture(folder, data.key(frames), data.about, measures)
+        capture = RunCapture(folder, data.key(frames), data.about, measures, frames)
         return Opened(capture, measures, accurate and needs_mesh(data, bool(bench.calibration)))
     scene, file = scene_of(bench, base, origin)
     named = [content_hash(path) for path in named_files(scene, file.parent)]

@@ -32,7 +32,7 @@ from handbench.bench.stages.foreign import foreign_stage
 from handbench.bench.stages.quality import has_quality, measure_quality, quality_name
 from handbench.bench.stages.reconstruct import DEPTH, reconstruct, repeat, time_again
 from handbench.bench.stages.score import MEASURED, score_capture
-from handbench.bench.validation.capture_warnings import inspect_capture
+from handbench.bench.validation.capture_warnings import inspect_capture, method_warnings
 from handbench.calibration.registration.register import HAND_M
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
@@ -88,6 +88,9 @@ def run(
             scores = score(engine, bench, captures, images, surfaces)
         progress.reach(progress.total)
         warnings = {one.capture.name: one.warnings for one in prepared if one.warnings}
+        warnings |= method_warnings(
+            (stage.method, made / DEPTH) for stage, made in images if stage.name == "reconstruct"
+        )
         facts = {"warnings": warnings, "command": command, "refined_transforms": refined(surfaces)}
         if rig.transform is not None:
             facts |= registration_facts(rig.transform, rig.targets[0])
@@ -173,7 +176,8 @@ def preparation(
     yield from opened.simulation
     capture = opened.capture(engine.work)
     made = prepared[capture.name] = Prepared(capture)
-    inspection = Stage(inspect_capture, {"capture": capture.input}, capture.name)
+    asked = {"capture": capture.input, "frames": capture.frames}
+    inspection = Stage(inspect_capture, asked, capture.name)
     yield inspection
     file = inspection.folder(engine.work) / INSPECTION
     made.warnings = read_json(file, "warnings")["warnings"]

@@ -16,10 +16,11 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map
 from handbench.bench.evaluation.repeats import strongest_scatterer_z_m
 from handbench.bench.evaluation.treatments import SMOOTHING
-from handbench.bench.pipeline.image import configuration, prepare
+from handbench.bench.pipeline.image import configuration, prepare, required_frames
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
+from handbench.radar.methods.evidence import different_frames
 from handbench.radar.methods.pixels import masked_mean
 from handbench.radar.methods.registry import method
 from handbench.radar.methods.settings import MethodSettings
@@ -84,7 +85,9 @@ def reconstruct(
     # not timed: the uncertainty is not part of the method
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
-        write_frames(folder, depths)
+        blank = depths[0].without_depths()
+        of_frames = dict(zip(imager.frames, depths, strict=True))
+        write_frames(folder, [of_frames.get(number, blank) for number in range(frames)])
     _write_times(folder, seconds, images.plan_s, measuring_times(imager.task.echoes))
 
 
@@ -104,7 +107,8 @@ def repeat(
     pixel (repeats.npz), and the times of the frames (timing.json). The arguments are those of
     `reconstruct`."""
     with use_device(device):
-        images = Imager(Path(capture), method, config, frames, every_nth_antenna).images()
+        imager = Imager(Path(capture), method, config, frames, every_nth_antenna, repeats=True)
+        images = imager.images()
     depths = images.depths
     spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
     write_npz(
@@ -214,8 +218,8 @@ class Images(NamedTuple):
 class Imager:
     """Images the first frames of a capture by one method, and measures the time.
     config: settings that differ from the method's defaults; frames: how many; every_nth_antenna:
-    use only every n-th transmitter and every n-th receiver. Raises HandbenchError if the method
-    cannot image the capture."""
+    use only every n-th transmitter and every n-th receiver; repeats: image only those frames that
+    count for the precision. Raises HandbenchError if the method cannot image the capture."""
 
     def __init__(
         self,
@@ -224,13 +228,15 @@ class Imager:
         config: dict[str, Any],
         frames: int = 1,
         every_nth_antenna: int = 1,
+        repeats: bool = False,
     ) -> None:
         from handbench.radar.warmup import compile_kernels
 
         settings = configuration(capture, method_id, config)
         echoes = open_capture(capture).echoes(frames)
-        self.task = prepare(echoes, method(method_id), settings, frames - 1, every_nth_antenna)
-        self.frames = frames
+        different = different_frames(echoes.samples) if repeats else ()
+        self.frames = different or required_frames(echoes, frames)
+        self.task = prepare(echoes, method(method_id), settings, self.frames, every_nth_antenna)
         compile_kernels()
 
     def images(self) -> Images:
@@ -240,14 +246,12 @@ class Imager:
         and a single frame is imaged again unless it took long. The extra time of the first frame is
         reported as the time of the plan."""
         task, times, depths = self.task, list[float](), list[DepthMap]()
-        with timed(times):
-            depths.append(task.method.run(task.echoes, task.settings, 0))
-        for frame in range(1, self.frames):
+        for frame in self.frames:
             with timed(times):
-                depths.append(task.method.run(task.echoes, task.settings, frame))
+                depths.append(task.image(frame))
         if len(times) == 1 and times[0] < PLANNED_S:
             with timed(times):
-                task.image()
+                task.image(self.frames[0])
         first_s, *seconds = times
         plan_s = max(first_s - median(seconds), 0.0) if seconds else None
         return Images(depths, seconds or [first_s], plan_s)
@@ -259,7 +263,7 @@ class Imager:
         times, end = list(seconds), time.perf_counter() + REPEATED_S
         while time.perf_counter() + times[-1] < end:
             with timed(times):
-                self.task.image(len(times) % self.frames)
+                self.task.image(self.frames[len(times) % len(self.frames)])
         return times
 
 

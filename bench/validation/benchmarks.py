@@ -18,7 +18,7 @@ from handbench.bench.benchmarks.benchmark_file import (
     scene_of,
 )
 from handbench.bench.datasets.native import PHOTOS, TARGET, CaptureFile, NativeCapture
-from handbench.bench.pipeline.image import configured, prepare
+from handbench.bench.pipeline.image import configured, prepare, required_frames
 from handbench.bench.scenes.scene_file import SceneFile, named_files
 from handbench.bench.validation.captures import inspect_capture, require_reference
 from handbench.bench.validation.report import Report
@@ -26,6 +26,7 @@ from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.evidence import needed_tones
 from handbench.radar.methods.registry import method
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
@@ -121,7 +122,7 @@ def _inspect_source(
                 map_of = partial(_require_map, bench, path.parent / entry.maps / f"{name}.npz")
                 report.read(where, partial(map_of, entry, about))
         if not entry.foreign and ("accuracy" in source.measures or entry.precision):
-            frames = bench.model_copy(update={"method": (entry,)}).frames_of(source)
+            frames = bench.frames if "accuracy" in source.measures else 1
             report.read(where, partial(_require_imaged, entry, about, echoes, frames))
     return dict.fromkeys(names, recorded)
 
@@ -143,7 +144,11 @@ def _require_imaged(
 ) -> None:
     """Raise HandbenchError if a method cannot image the first frames of a capture."""
     settings = configured(about, entry.id, entry.config)
-    prepare(echoes, method(entry.id), settings, frames - 1, entry.every_nth_antenna)
+    if echoes.samples.any():
+        needed = required_frames(echoes, frames)
+        prepare(echoes, method(entry.id), settings, needed, entry.every_nth_antenna)
+    else:  # a scene's, before it is simulated
+        needed_tones(echoes, settings)
 
 
 def _require_map(bench: BenchFile, file: Path, entry: MethodEntry, about: CaptureFile) -> None:

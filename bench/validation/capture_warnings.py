@@ -4,7 +4,8 @@ remedy. The stage `inspect` of a run records them.
 No mistake is certain. All checks take little time compared with the hours that wrong data cost.
 """
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +14,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
-from handbench.bench.pipeline.image import configuration
-from handbench.bench.validation.checks import ARRAY, MAP, warnings_of
+from handbench.bench.pipeline.image import configuration, require_near
+from handbench.bench.validation.checks import ARRAY, MAP, doubt, missing_frames, warnings_of
 from handbench.bench.validation.mistakes import (
     GOOD_MM,
     conjugation_warnings,
@@ -22,8 +23,9 @@ from handbench.bench.validation.mistakes import (
     order_warnings,
 )
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.methods.evidence import frame_problems
 from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
@@ -48,15 +50,15 @@ PROBES = ("3fsk-doppler", "2fsk-doppler", "3fsk", "2fsk", "broadband", "narrowba
     "groundtruth/mesh",
     "radar",
 )
-def inspect_capture(folder: Path, capture: str) -> None:
-    """Inspect a capture for likely mistakes, as a stage of a run: print each warning, and write all
-    to the file INSPECTION.
+def inspect_capture(folder: Path, capture: str, frames: int) -> None:
+    """Inspect the first frames of a capture for likely mistakes, as a stage of a run: print each
+    warning, and write all to the file INSPECTION.
 
     A capture that cannot be read gets no warning, because the stages that need it report the error.
     """
     with fresh_plans():  # those of the imaging stages are timed
         try:
-            warnings = list(capture_warnings(open_capture(capture)))
+            warnings = list(capture_warnings(open_capture(capture), frames))
         except HandbenchError:
             warnings = []
     for warning in warnings:
@@ -64,13 +66,28 @@ def inspect_capture(folder: Path, capture: str) -> None:
     write_json(folder / INSPECTION, {"warnings": warnings})
 
 
-def capture_warnings(recorded: NativeCapture) -> Iterator[str]:
-    """Yield warnings about a capture: about its array and tones, whether its echoes focus when they
-    are imaged and, if it has a surface, whether image and surface agree."""
-    echoes = recorded.echoes(1)
+def method_warnings(maps: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
+    """Warn of methods most of whose depths are in doubt: print and return the warnings, method →
+    texts. maps: each method with the file of one of its depth maps."""
+    files = defaultdict[str, list[Path]](list)
+    for name, file in maps:
+        files[name].append(file)
+    warnings = {name: [*doubt(map(load_depthmap, of))] for name, of in files.items()}
+    for name, text in ((name, text) for name, texts in warnings.items() for text in texts):
+        say(f"{name}: {text}")
+    return {name: texts for name, texts in warnings.items() if texts}
+
+
+def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
+    """Yield warnings about the first frames of a capture: about its array, tones and frames,
+    whether its echoes focus when they are imaged and, if it has a surface, whether image and
+    surface agree."""
+    echoes = require_near(recorded.echoes(frames))
+    yield from missing_frames(echoes, frames)
+    yield from frame_problems(echoes.samples)
     plain = list(warnings_of(echoes, ARRAY))
     yield from plain
-    if plain:
+    if plain or not echoes.samples[0].any():
         return  # all that follows would be about these
     compile_kernels()
     yield from recorded.warnings()

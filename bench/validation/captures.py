@@ -17,8 +17,15 @@ from handbench.bench.datasets.native import (
     TRANSFORM,
     NativeCapture,
 )
-from handbench.bench.pipeline.image import configured
-from handbench.bench.validation.checks import CHANNELS, lengths, size, transform_warnings
+from handbench.bench.pipeline.image import configured, require_near
+from handbench.bench.validation.checks import (
+    CHANNELS,
+    lengths,
+    missing_frames,
+    size,
+    transform_warnings,
+    warnings_of,
+)
 from handbench.bench.validation.report import Report
 from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.board.board import Board, load_board
@@ -55,7 +62,11 @@ def inspect_capture(
         if about.kind == "target" and not (recorded.folder / TARGET).exists():
             report.refuse(folder, f"is a capture of the calibration target without {TARGET}")
     echoes = read(partial(recorded.echoes, frames))
-    report.check(folder, echoes, CHANNELS)
+    if echoes is not None:
+        read(partial(require_near, echoes))
+        if not echoes.samples[0].any():
+            report.refuse(folder, "frame 0, which a run images, has no echo; record it again")
+        report.warn(folder, [*missing_frames(echoes, frames), *warnings_of(echoes, CHANNELS)])
     mesh = read(recorded.mesh)
     truths = None if echoes is None else read(partial(recorded.truths, len(echoes.samples)))
     surfaces = {}

@@ -7,12 +7,14 @@ and mistakes.py have those that do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M, CaptureFile
+from handbench.radar.data.arrays import channel_ends
+from handbench.radar.data.capture import scaled_to_one
 from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
@@ -33,6 +35,11 @@ OPEN_PERCENT = 10  # of a surface's edges at its rim
 # of an image that nothing near a hand fills, if it is that wide and high
 CROWDED_PERCENT = 50
 WIDE_M = 0.1
+UNSIGNED = 0.01  # of the largest part of a sample: signed ones come as near to 0 only by chance
+FEW = 64  # samples that may have one sign, or channels that may be equal, by chance
+SILENT = 0.01  # share of a frame's samples that may be 0 by chance
+COMMON = 0.9  # share of the power that no target within NEAR_M causes alike in all channels
+NEAR_M = 1.0
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
 CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
@@ -46,9 +53,9 @@ def warnings_of(thing: Thing, checks: Sequence[Callable[[Thing], Iterator[str]]]
 
 
 def units_of_array(capture: RadarCapture) -> Iterator[str]:
-    """Check that the tones are in hertz and the positions in metres."""
+    """Check that the tones are in hertz and the positions in metres; positions in millimetres are
+    refused (`require_near`)."""
     places = places_m(capture)
-    far_m = float(np.abs(places).max())
     extent_m = float(np.ptp(places, axis=0).max())
     highest_hz = float(capture.frequencies_hz.max())
     waves = extent_m * highest_hz / capture.wave_speed_m_s
@@ -57,12 +64,11 @@ def units_of_array(capture: RadarCapture) -> Iterator[str]:
             f"its highest frequency is only {highest_hz:g} Hz; if the frequencies are in "
             "gigahertz, megahertz or kilohertz, multiply them by 1e9, 1e6 or 1e3"
         )
-    elif far_m > FAR_M:
-        yield (
-            f"an antenna is {far_m:g} m from the origin; if the positions are in millimetres, "
-            "multiply them by 1e-3"
-        )
-    elif not LEAST_WAVELENGTHS < waves < MOST_WAVELENGTHS and len(places) > FEWEST_PLACES:
+    elif (
+        np.abs(places).max() <= FAR_M
+        and len(places) > FEWEST_PLACES
+        and not (LEAST_WAVELENGTHS < waves < MOST_WAVELENGTHS)
+    ):
         yield (
             f"its antennas span {extent_m:g} m, {waves:.2g} wavelengths at {highest_hz:g} Hz; "
             "check that the positions are in metres and the frequencies in hertz"
@@ -77,6 +83,62 @@ def facing(capture: RadarCapture) -> Iterator[str]:
         yield (
             f"the array is in the plane of {'xy'[1 - flat]} and z, so it faces {'xy'[flat]}, but "
             "z must point away from the array; exchange the axes"
+        )
+
+
+def frames(capture: RadarCapture) -> Iterator[str]:
+    """Check for frames without echoes, and for frames that repeat an earlier one."""
+    from handbench.radar.methods.evidence import frame_problems
+
+    return frame_problems(capture.samples)
+
+
+def missing_frames(capture: RadarCapture, asked: int | None) -> Iterator[str]:
+    """Yield a sentence if fewer frames were recorded than are asked for."""
+    if asked and (count := len(capture.samples)) < asked:
+        yield f"has {count} of {asked} frames; check that the recording is complete"
+
+
+def parts(capture: RadarCapture) -> Iterator[str]:
+    """Check that no part of the samples and no sign was lost on the way to the file, and that no
+    channel ends early."""
+    samples = capture.samples.reshape(*capture.samples.shape[:2], -1)
+    for name, part in (("real", samples.real), ("imaginary", samples.imag)):
+        if samples.any() and not part.any():
+            yield f"its samples have no {name} part; both parts are needed, I and Q: export both"
+        elif samples.size > FEW and 0 <= part.min() < UNSIGNED * part.max():
+            yield (
+                f"the {name} part of no sample is negative; if the sign was lost, read the numbers "
+                "as signed ones, and take no magnitudes"
+            )
+    for frame, each in enumerate(samples):
+        silent = each[each.any(axis=1)][:, each.any(axis=0)] == 0
+        if silent.size and silent.mean() > SILENT:
+            yield (
+                f"frame {frame}: {100 * silent.mean():.0f} % of the samples of channels with "
+                "echoes are 0; the recording may have been cut short"
+            )
+            return
+
+
+def leakage(capture: RadarCapture) -> Iterator[str]:
+    """Check that echoes are not hidden below what all channels have in common, before antennas so
+    far apart that no target within a metre has it."""
+    ends_m = np.array(channel_ends(capture.aperture))
+    far_m = ends_m.mean(axis=(0, 1)) + [0, 0, NEAR_M]
+    bend_m = np.ptp(np.linalg.norm(ends_m - far_m, axis=2).sum(axis=0))
+    samples = scaled_to_one(capture.samples[0]).reshape(len(capture.frequencies_hz), -1)
+    power = (np.abs(samples) ** 2).mean()
+    common = (np.abs(samples.mean(axis=1)) ** 2).mean() / power if power else 0.0
+    if (
+        samples.shape[1] > FEW
+        and common > COMMON
+        and bend_m > capture.wave_speed_m_s / capture.frequencies_hz.max() / 2
+    ):
+        yield (
+            f"{100 * common:.1f} % of the power is the same in all channels, as what leaks from "
+            "transmitter to receiver is; subtract the mean over the channels ([background] mean = "
+            '"positions" in a mapping.toml)'
         )
 
 
@@ -101,8 +163,8 @@ def pairs(capture: RadarCapture) -> Iterator[str]:
         )
 
 
-ARRAY = (units_of_array, facing)
-CHANNELS = (*ARRAY, channels, pairs)
+ARRAY = (units_of_array, facing, parts, leakage)
+CHANNELS = (*ARRAY, frames, channels, pairs)
 
 
 def lengths(about: CaptureFile) -> Iterator[str]:
@@ -155,12 +217,15 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 
 def focus(depth: DepthMap) -> Iterator[str]:
-    """Check that only a part of a depth map's pixels has a depth."""
+    """Check that only a part of a depth map's pixels has a depth, and that the others are NaN."""
+    if zeros := np.count_nonzero(depth.z_m == 0):
+        yield f"{zeros} depths are 0; write NaN where there is no depth"
+        return
     percent = 100 * float(np.isfinite(depth.z_m).mean())
     if percent > CROWDED_PERCENT and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
         yield (
             f"{percent:.0f} % of the pixels of the image have a depth, so it may be out of focus; "
-            "check the capture with `handbench inspect`"
+            "check the tones, the positions of the antennas and the sign of the samples"
         )
 
 
@@ -173,13 +238,8 @@ def depths(depth: DepthMap) -> Iterator[str]:
 
 
 def flags(depth: DepthMap) -> Iterator[str]:
-    """Check that most depths are likelier right than wrong."""
-    percent = 100 * (flagged_share(depth) or 0.0)
-    if percent > CROWDED_PERCENT:
-        yield (
-            f"{percent:.0f} % of the pixels with a depth are more likely wrong than right (p_gross "
-            f"> {FLAGGED:g})"
-        )
+    """Check that most depths are not in doubt."""
+    return doubt([depth])
 
 
 MAP = (focus, depths, flags)
@@ -210,33 +270,30 @@ def result_warnings(result: Result) -> Iterator[str]:
     yield from (failure.line for failure in result.about.failures)
     far = result.table[(result.table.metric == "mae_mm") & (result.table.value > FARTHEST_MM)]
     for method, value in zip(far.method, far.value, strict=True):
+        yield f"{method}: the mean error is {value:.4g} mm; check units and transforms"
+
+
+def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:
+    """Yield a sentence if most depths of a method's maps are in doubt."""
+    if (percent := doubtful_percent(depths)) > CROWDED_PERCENT:
         yield (
-            f"{method}: the mean error is {value:.4g} mm; check the captures with `handbench "
-            "inspect`"
+            f"{percent:.0f} % of the pixels with a depth are in doubt: likelier wrong than right "
+            f"(p_gross > {FLAGGED:g}), or flagged as wrapped"
         )
 
 
-def flagged_share(depth: DepthMap) -> float | None:
-    """Return the share of the pixels on target whose p_gross exceeds FLAGGED; None if the map has
-    no p_gross or no pixels on target."""
-    seen = np.isfinite(depth.z_m)
-    return (
-        None
-        if depth.p_gross is None or not seen.any()
-        else float((depth.p_gross[seen] > FLAGGED).mean())
-    )
+def doubtful_percent(depths: Iterable[DepthMap]) -> float:
+    """Return how many of the pixels on target of depth maps are in doubt, percent."""
+    maps = [(np.isfinite(depth.z_m).sum(), depth.doubtful.sum()) for depth in depths]
+    seen, doubtful = np.sum([(0, 0), *maps], axis=0)
+    return float(100 * doubtful / max(seen, 1))
 
 
 def on_target(depth: DepthMap) -> str:
-    """Return a text with the number of pixels of a depth map that have a depth, and the shares of
-    them that its method flags and that are likelier wrong than right."""
-    seen, wrong = np.isfinite(depth.z_m), flagged_share(depth)
-    shares = []
-    if depth.wrapped is not None and seen.any():
-        shares.append(f"{100 * depth.wrapped[seen].mean():.1f} % of them in doubt (wrapped)")
-    if wrong is not None:
-        shares.append(f"{100 * wrong:.1f} % likelier wrong than right (p_gross > {FLAGGED:g})")
-    return ", ".join([f"{np.count_nonzero(seen)} pixels on target", *shares])
+    """Return a text with the number of pixels of a depth map that have a depth, and the share of
+    them that is in doubt."""
+    seen = np.count_nonzero(np.isfinite(depth.z_m))
+    return f"{seen} pixels on target, {doubtful_percent([depth]):.1f} % of them in doubt"
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:

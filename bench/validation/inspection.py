@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from handbench.bench.benchmarks.benchmark_file import find_benchmark
-from handbench.bench.datasets.dataset import captures
+from handbench.bench.datasets.dataset import captures, has_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TRANSFORM, NativeCapture
-from handbench.bench.datasets.ti import is_ti_raw, read_raw
+from handbench.bench.datasets.ti import is_ti_raw, raw_warnings, read_raw
 from handbench.bench.validation.benchmarks import inspect_benchmark, inspect_scene
 from handbench.bench.validation.captures import inspect_capture, inspect_photos
 from handbench.bench.validation.checks import CHANNELS, MAP, MESH, result_warnings
@@ -23,6 +23,7 @@ from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.methods.evidence import frame_problems
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
@@ -103,17 +104,20 @@ def _inspect_file(path: Path, report: Report) -> list[NativeCapture]:
 
 def _inspect_folder(path: Path, report: Report) -> list[NativeCapture]:
     """Inspect a folder, and return its captures that can be read."""
-    native = (path / ECHOES).exists() or (path / DESCRIPTION).exists()
+    native = (path / ECHOES).exists()
     if (path / "result.json").is_file():
         from handbench.bench.results.result_folder import load as load_result  # with scipy
 
         report.check(path, load_result(path), (result_warnings,))
-    elif not native and any(file.suffix.lower() in SUFFIXES for file in path.iterdir()):
-        inspect_photos(path, report, scaled=False)
-    elif not native and is_ti_raw(path):
-        read_raw(path, {})
-    else:
+    elif native or has_capture(path):
         return _inspect_captures([path] if native else captures(path), report)
+    elif is_ti_raw(path):
+        profile, samples = read_raw(path, {})
+        report.warn(path, [*raw_warnings(profile, samples), *frame_problems(samples)])
+    elif any(file.suffix.lower() in SUFFIXES for file in path.iterdir()):
+        inspect_photos(path, report, scaled=False)
+    else:
+        captures(path)
     return []
 
 

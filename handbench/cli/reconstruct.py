@@ -40,7 +40,7 @@ def run(options: argparse.Namespace) -> None:
     echoes = recorded.echoes(max(options.frame, 0) + 1)
     for warning in warnings_of(echoes, CHANNELS):  # they may say why a tone is missing
         say(f"{options.capture}: {warning}")
-    task = prepare(echoes, chosen, settings, options.frame)
+    task = prepare(echoes, chosen, settings, [options.frame])
     from handbench.radar.imaging.device import describe
     from handbench.radar.warmup import announce
 

@@ -39,8 +39,9 @@ WORDS = {  # pydantic's, as regular expressions, and ours
 
 class Config(pydantic.BaseModel):
     """Base class of every configuration. Its values cannot be changed.
-    Errors are: an unknown key at any level, NaN or infinity, and a number so large or small that no
-    quantity in SI units has this size. Default values are checked too."""
+    Errors are: an unknown key at any level, a text or a truth value in place of a number and the
+    other way round, NaN or infinity, and a number so large or small that no quantity in SI units
+    has this size. Default values are checked too."""
 
     model_config = pydantic.ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
@@ -49,9 +50,10 @@ class Config(pydantic.BaseModel):
     @pydantic.model_validator(mode="wrap")
     @classmethod
     def _note_keys(cls, values: Any, validate: pydantic.ModelWrapValidatorHandler[Self]) -> Self:
-        """Note the known keys in the error of an unknown one, for the message."""
+        """Refuse values that became numbers or truth values on the way, and note the known keys in
+        the error of an unknown one, for the message."""
         try:
-            return validate(values)
+            checked = validate(values)
         except pydantic.ValidationError as error:
             known = {"known": [key.alias or name for name, key in cls.model_fields.items()]}
             noted: list[Any] = [
@@ -62,6 +64,13 @@ class Config(pydantic.BaseModel):
                 for each in error.errors(include_url=False)[:MOST_PROBLEMS]
             ]
             raise pydantic.ValidationError.from_exception_data(cls.__name__, noted) from None
+        for name, given in values.items() if isinstance(values, dict) else ():
+            if name in cls.model_fields and not _as_given(given, getattr(checked, name)):
+                raise ValueError(
+                    f"'{name}' is {VALUE.repr(given)}; expected a number without quotation marks "
+                    "where a number is due, and true or false elsewhere"
+                )
+        return checked
 
     @pydantic.field_validator("*")
     @classmethod
@@ -73,6 +82,17 @@ class Config(pydantic.BaseModel):
         if vanishes or max(map(abs, _numbers(value)), default=0) > LARGEST:
             raise ValueError(f"expected 0 or a size from {SMALLEST:g} to {LARGEST:g}")
         return value
+
+
+def _as_given(given: object, value: object) -> bool:
+    """Tell whether the numbers and truth values in a checked value were these before."""
+    if isinstance(given, dict) and isinstance(value, dict):
+        return all(map(_as_given, given.values(), value.values()))
+    if isinstance(given, tuple | list) and isinstance(value, tuple | list):
+        return all(map(_as_given, given, value))
+    if isinstance(value, bool) or isinstance(given, bool):
+        return given is value
+    return not (isinstance(value, int | float) and isinstance(given, str))
 
 
 def _numbers(value: object) -> Iterator[int | float]:

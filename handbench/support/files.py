@@ -253,11 +253,22 @@ def read_json(
 
 def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
     """Return the values in a JSON text. Raises ValueError for text that is invalid, too deeply
-    nested or has more than `most` values (for some deep nesting RecursionError)."""
+    nested, has a key twice or more than `most` values (for some deep nesting RecursionError)."""
     # before they are made: a value takes a byte here, 60 in memory
     if sum(map(text.count, "[{,")) > most:
         raise ValueError(f"it has more than {most} values")
-    return limits.require_shallow(json.loads(text))
+    return limits.require_shallow(json.loads(text, object_pairs_hook=_once))
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the keys and values of a JSON object. Raises ValueError for a key that it has twice,
+    of which JSON readers silently take the last."""
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            raise ValueError(f"it has the key {key[:80]!r} twice")
+        content[key] = value
+    return content
 
 
 def write_npz(path: str | Path, **arrays: Any) -> None:

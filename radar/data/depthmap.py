@@ -1,14 +1,14 @@
 """Depth maps: the output of every method and the input of scoring."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_npz, write_npz
+from handbench.support.files import plain_json, read_npz, write_npz
 
 LIMIT = "velocity_limit_m_s"
 LARGEST = 1e6  # in a depth map; larger numbers are no metres, and in float32 soon infinite
@@ -100,6 +100,22 @@ class DepthMap:
                 )
         return self
 
+    @property
+    def doubtful(self) -> np.ndarray:
+        """Where a depth is in doubt [ny, nx]: its method flags it, or p_gross exceeds FLAGGED."""
+        doubtful = np.zeros(self.z_m.shape, bool)
+        if self.wrapped is not None:
+            doubtful |= self.wrapped
+        if self.p_gross is not None:
+            doubtful |= self.p_gross > FLAGGED
+        return doubtful & np.isfinite(self.z_m)
+
+    def without_depths(self) -> "DepthMap":
+        """Return the map of a frame in which nothing is observed, on the same pixels."""
+        nothing = np.full_like(self.z_m, np.nan)
+        velocity: dict[str, Any] = {} if self.velocity_m_s is None else {"velocity_m_s": nothing}
+        return replace(self, z_m=nothing, **velocity)
+
     def save(self, path: str | Path) -> None:
         """Write the depth map to an .npz file, atomically; `load_depthmap` reads it."""
         known = {name: value for name, value in vars(self).items() if value is not None}
@@ -107,12 +123,12 @@ class DepthMap:
 
 
 def load_depthmap(path: str | Path) -> DepthMap:
-    """Read a depth map from its .npz file. Raises HandbenchError for a file that is no depth map,
-    and for invalid arrays (`DepthMap.checked`)."""
-    required = "x_m", "y_m", "z_m", "amplitude_db", "method", "config"
-    content: dict[str, Any] = read_npz(path, required, (*RANGES, LIMIT))
+    """Read a depth map from its .npz file; a map without a method is named after the file. Raises
+    HandbenchError for a file that is no depth map, and for invalid arrays (`DepthMap.checked`)."""
+    required, optional = ("x_m", "y_m", "z_m", "amplitude_db"), ("method", "config", *RANGES, LIMIT)
+    content: dict[str, Any] = read_npz(path, required, optional)
     try:
-        content["config"] = json.loads(str(content["config"]))
+        content["config"] = plain_json(str(content.get("config", "{}")))
     except ValueError as error:
         raise HandbenchError(
             f"{path}: config is not JSON ({error}), but should be the settings of the method; "
@@ -120,7 +136,8 @@ def load_depthmap(path: str | Path) -> DepthMap:
         ) from None
     if LIMIT in content:
         content[LIMIT] = _one_number(path, content[LIMIT])
-    return DepthMap(**content | {"method": str(content["method"])}).checked(path)
+    content["method"] = str(content.get("method", Path(path).stem))
+    return DepthMap(**content).checked(path)
 
 
 def _one_number(path: str | Path, values: np.ndarray) -> float:

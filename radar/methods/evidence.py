@@ -3,7 +3,8 @@ how well the antennas resolve."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from hashlib import blake2b
 from itertools import pairwise
 
 import numpy as np
@@ -16,23 +17,23 @@ from handbench.support.errors import HandbenchError
 
 POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
 EQUAL = 1e-5  # difference of two tones' samples below which they are copies, with rounding
-NAMED = 5  # antennas at most that a sentence names
+NAMED = 5  # runs of numbers at most that a sentence names
 
 
 def require_evidence(capture: RadarCapture, config: MethodSettings, frame: int = 0) -> None:
     """Raise HandbenchError for a frame whose echoes cannot show depths by a method.
 
-    That is so if a tone that the method needs is missing or has no echo, if two tones have equal
-    samples, if all antennas with echoes have the same coordinate along an axis with several pixels,
-    or if they are all on one line though there are several pixels along x and y. A frame without
-    any echo is no error: its depth map is empty.
+    That is so if it has no echo, if a tone that the method needs is missing or has no echo, if two
+    tones have equal samples, if all antennas with echoes have the same coordinate along an axis
+    with several pixels, or if they are all on one line though there are several pixels along x and
+    y.
     """
-    index = capture.tone_index(config.frequencies_hz)
-    if getattr(config, "doppler", False):
-        index = np.append(index, repetition(capture, index).measured[1:])
+    index = needed_tones(capture, config)
     samples = capture.samples[frame]
     if not samples.any():
-        return
+        raise HandbenchError(
+            f"echoes: frame {frame} has no echo; choose another frame, or record it again"
+        )
     for sentence in tone_problems(samples[index], capture.frequencies_hz[index]):
         raise HandbenchError(f"echoes: in frame {frame}, {sentence}")
     point_m = POINT_WAVELENGTHS * shortest_m(capture)
@@ -50,6 +51,44 @@ def require_evidence(capture: RadarCapture, config: MethodSettings, frame: int =
             f"echoes: in frame {frame}, all antennas with echoes are on one oblique line, so the "
             "pixels across this line cannot be distinguished; use antennas beside the line, or "
             "set y.stop_m = y.start_m for one row of pixels"
+        )
+
+
+def needed_tones(capture: RadarCapture, config: MethodSettings) -> np.ndarray:
+    """Return the indices of a capture's tones that a method needs. Raises HandbenchError if one was
+    not measured, or none twice for a method that needs that."""
+    index = capture.tone_index(config.frequencies_hz)
+    if getattr(config, "doppler", False):
+        index = np.append(index, repetition(capture, index).measured[1:])
+    return index
+
+
+def frames_with_echoes(samples: np.ndarray) -> list[int]:
+    """Return the numbers of the frames [frame, …] that have an echo."""
+    return [number for number, frame in enumerate(samples) if frame.any()]
+
+
+def different_frames(samples: np.ndarray) -> list[int]:
+    """Return the numbers of the frames [frame, …] that have an echo and do not repeat an earlier
+    frame bit by bit: each has noise of its own, and counts for the precision."""
+    first: dict[bytes, int] = {}
+    for number in frames_with_echoes(samples):
+        first.setdefault(blake2b(samples[number].tobytes()).digest(), number)
+    return [*first.values()]
+
+
+def frame_problems(samples: np.ndarray) -> Iterator[str]:
+    """Yield a sentence for the user about the frames [frame, …] without any echo, and about those
+    that repeat an earlier one."""
+    alive, different = frames_with_echoes(samples), different_frames(samples)
+    if silent := [*({*range(len(samples))} - {*alive})]:
+        which = _numbered(silent, len(samples), "frames")
+        yield f"{which} have no echo; the recording may have been cut short"
+    if repeated := [*({*alive} - {*different})]:
+        yield (
+            f"{_numbered(repeated, len(samples), 'frames')} repeat an earlier one sample for "
+            "sample, so they have no noise and count for no precision; check that they were "
+            "recorded, and that no file is read twice"
         )
 
 
@@ -90,11 +129,19 @@ def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
         ways = {"transmitters": sent, "receivers": received}
     for name, alive in ways.items():
         if dead := np.flatnonzero(~alive).tolist():
-            some = ", ".join(map(str, dead[:NAMED])) + (", …" if len(dead) > NAMED else "")
             yield (
-                f"{len(dead)} of {len(alive)} {name} have no echo at any tone (numbers {some}, "
-                "counted from 0); check that they are connected"
+                f"{_numbered(dead, len(alive), name)} have no echo at any tone; check that they "
+                "are connected"
             )
+
+
+def _numbered(chosen: Sequence[int], count: int, name: str) -> str:
+    """Say how many of `count` things are chosen, and their numbers."""
+    numbers = np.sort(chosen)
+    runs = np.split(numbers, 1 + np.flatnonzero(np.diff(numbers) > 1))
+    spans = [f"{run[0]} to {run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs]
+    some = ", ".join(spans[:NAMED]) + (", …" if len(spans) > NAMED else "")
+    return f"{len(chosen)} of {count} {name} (numbers {some}, counted from 0)"
 
 
 def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:

@@ -69,15 +69,23 @@ def test_a_transform_file_comes_back(tmp_path, rng, unknowns):
         ("covariance", np.eye(5)),
         ("covariance", -np.eye(6)),
         ("covariance", np.eye(6) + 0.1 * np.eye(6, k=1)),
+        ("matrix", EYE == 1),
+        ("matrix", 1.01 * EYE + np.diag([0, 0, 0, -0.01])),
+        ("scale", 1000),
+        ("unit", "mm"),
         ("residuals_m", ["a"]),
     ],
 )
 def test_a_wrong_transform_file_is_refused(tmp_path, key, value):
-    """The first row is right: a reflection, a shear, and another last row follow."""
+    """The first row is right, but not if a key stands twice: a reflection, a shear, and another
+    last row follow."""
     path = tmp_path / "t.json"
-    content = {"from": "photo", "to": "radar", "matrix": EYE, "covariance": np.eye(6)}
-    path.write_text(json.dumps(content | {key: value}, default=np.ndarray.tolist))
+    content = {"from": "photo", "to": "radar", "matrix": EYE, "scale": 1, "covariance": np.eye(6)}
+    text = json.dumps(content | {key: value}, default=np.ndarray.tolist)
+    path.write_text(text)
     if value is EYE:
         load_transform(path)
+        path.write_text(text.replace('"from"', '"to": "radar", "from"'))
+        refuse(lambda: load_transform(path), str(path), "'to'")
     else:
         refuse(lambda: load_transform(path), str(path), f"'{key}")

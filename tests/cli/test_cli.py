@@ -95,7 +95,8 @@ def test_capture_to_metrics(made, tmp_path, capsys):
     with np.load(depth) as content:
         assert content["z_m"].shape == (21, 21)
         on_target = np.isfinite(content["z_m"])
-        doubted_percent = 100 * content["wrapped"][on_target].mean()
+        doubted = content["wrapped"] | (content["p_gross"] > 0.5)
+        doubted_percent = 100 * doubted[on_target].mean()
     printed = capsys.readouterr().err
     assert f"{on_target.sum()} pixels" in printed and f"{doubted_percent:.1f} %" in printed
     assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply"), "--json"]) == 0

@@ -60,8 +60,7 @@ def gigahertz(echoes):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "doubt", "place"),
-    [(gigahertz, "1e9", ", 82.0000 Hz"), (one_tone, "", "82.0000 GHz")],
+    ("spoil", "doubt", "place"), [(gigahertz, "1e9", ", 82.0000 Hz"), (one_tone, "", "82.0000 GHz")]
 )
 def test_three_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, doubt, place):
     """What they doubt stands before what they refuse."""

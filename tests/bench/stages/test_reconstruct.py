@@ -2,6 +2,7 @@
 run`'s folder."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,11 +11,19 @@ import pytest
 from handbench.bench.evaluation.treatments import WINDOW_PX
 from handbench.bench.results.maps import depth_path
 from handbench.bench.stages import reconstruct
-from handbench.bench.stages.reconstruct import Imager, read_treated, write_treated
+from handbench.bench.stages.reconstruct import (
+    FRAMES,
+    REPEATS,
+    Imager,
+    read_treated,
+    repeat,
+    write_treated,
+)
 from handbench.bench.stages.score import completed_by
 from handbench.calibration.transforms import identity
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
+from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.radar.methods.alignment import Aligned
 from handbench.radar.methods.backprojection import Backprojection
 from handbench.radar.methods.fsk import Fsk
@@ -48,7 +57,7 @@ def test_times_are_repeated_for_half_a_second(each_s, more, monkeypatch):
     def image(frame):
         clock.now += each_s[frame]
 
-    imager = SimpleNamespace(frames=2, task=SimpleNamespace(image=image))
+    imager = SimpleNamespace(frames=[0, 1], task=SimpleNamespace(image=image))
     found = Imager.repeated(imager, [each_s[0], each_s[1], each_s[0]])
     assert len(found) == 3 + more
 
@@ -94,6 +103,23 @@ def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():
     np.testing.assert_array_equal(both.mesh_sigma_m, [[1e-4, 0, np.nan]])
     np.testing.assert_array_equal(both.leverage[0, :, 0], [1, 0, 0])
     assert both.met[0, 1] and not both.met[0, 2]
+
+
+def test_frames_that_repeat_or_are_silent_count_for_no_precision(recorded, tmp_path):
+    """Of four frames, two are left; the second is no echo, the third the first one again."""
+    capture = load_capture(recorded / "echoes.h5")
+    samples = capture.samples[[0, 0, 0, 1]]
+    samples[1] = 0
+    save_capture(recorded / "echoes.h5", replace(capture, samples=samples, frame_times_s=None))
+    config = {axis: {"start_m": 0, "stop_m": 0.004, "step_m": 0.002} for axis in "xy"}
+    arguments = (str(recorded), "2fsk", config, "cpu", 1, 4)
+    for stage, file in ((repeat, REPEATS), (reconstruct.reconstruct, FRAMES)):
+        stage(tmp_path, *arguments)
+        z_m = np.load(tmp_path / file)["z_m"]
+        assert len(z_m) == (2 if stage is repeat else 4)
+        assert np.isnan(z_m.reshape(len(z_m), -1)).all(axis=1).tolist() == (
+            [False] * 2 if stage is repeat else [False, True, False, False]
+        )
 
 
 def test_a_run_has_equal_treatment_frames_and_enough_times(

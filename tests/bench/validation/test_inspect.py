@@ -137,9 +137,15 @@ BENCHES = {
         ("b.toml: 's' '3fsk' 79.5000", "b.toml: 's' '2fsk' 60.0", "b.toml: 'ball' '2fsk' 60.0"),
     ),
     "frames": (
-        '[[capture]]\npath = "a"',
-        '[[method]]\nid = "2fsk"\nprecision = true\n',
-        ("b.toml: 'ball' '2fsk' frame 9",),
+        'frames = 9\n[[capture]]\npath = "a"',
+        "",
+        ("b.toml: 'ball' '2fsk' frame 1", "a: warning: 1 9"),
+    ),
+    "a truth value": ('seed = true\n[[capture]]\npath = "a"', "", ("b.toml: 'seed' True",)),
+    "a text": (
+        '[[capture]]\npath = "a"\n[[dataset]]\npath = "a"\nlimit = "1"',
+        "",
+        ("b.toml: 'dataset.0': 'limit' '1'",),
     ),
     "maps": (
         '[[capture]]\npath = "a"',

@@ -90,7 +90,23 @@ def tones(tones_hz: np.ndarray) -> Change:
     return lambda capture: replace(capture, frequencies_hz=tones_hz)
 
 
+def samples(of: Callable[[np.ndarray], np.ndarray]) -> Change:
+    return lambda capture: replace(capture, samples=of(capture.samples).astype(np.complex64))
+
+
+def cut(echoes: np.ndarray) -> np.ndarray:
+    """The last 3 % of a frame were not written."""
+    written = np.arange(echoes.size) < 0.97 * echoes.size
+    return echoes * written.reshape(echoes.shape)
+
+
 ECHOES = {
+    "no imaginary part": (samples(np.real), "imaginary"),
+    "no sign": (samples(lambda echoes: np.abs(echoes.real) + 1j * echoes.imag), "signed"),
+    "leakage": (samples(lambda echoes: echoes + 500 * np.abs(echoes).max()), '"positions"'),
+    "cut": (samples(cut), "3 %"),
+    "twice": (samples(lambda echoes: np.concatenate([echoes, echoes])), "1 of 2 frames"),
+    "short": (samples(lambda echoes: np.concatenate([echoes, 0 * echoes])), "1 of 2 frames"),
     "conjugated": (conjugate, CONJUGATE),
     "nothing": (lambda capture: capture, None),
     "tones": (tones(TONES_HZ[::-1]), "reverse frequencies_hz"),
