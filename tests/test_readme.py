@@ -6,11 +6,13 @@ from dataclasses import replace
 
 from docs import readme
 from handbench.bench.results.result_folder import load
+from handbench.reports.figures.style import STYLE
 from tests.golden_files import RESULT
 
 
-def test_written_tables_agree_with_their_result_and_differ_from_another(tmp_path):
+def test_written_tables_agree_with_their_result_and_differ_from_another(tmp_path, monkeypatch):
     """1.2 µm of 1.20 mm are not printed, and times are the machine's."""
+    monkeypatch.setitem(STYLE, "savefig.dpi", 50)  # for speed
     result = load(RESULT)
     (tmp_path / "docs").mkdir()
     for page in readme.PAGES:
@@ -21,8 +23,10 @@ def test_written_tables_agree_with_their_result_and_differ_from_another(tmp_path
     assert text.startswith("before\n<!--") and text.endswith("-->\nafter\n")
     assert "| MAE (mm) | 4.5 *6.6* | 1.2 *1.7* | 0.67 *1.0* | – |" in text
     assert (tmp_path / "docs" / "depth_F.png").read_bytes().startswith(b"\x89PNG")
-    assert list(readme.differences(result, tmp_path)) == []
-    for metric, factor, count in (("mae_mm", 1.001, 0), ("seconds", 3.0, 0), ("mae_mm", 1.1, 1)):
-        table = result.table.copy()
-        table.loc[(table.metric == metric) & (table.method == "3fsk"), "value"] *= factor
-        assert len(list(readme.differences(replace(result, table=table), tmp_path))) == count
+    table = result.table.set_index(["metric", "method"])
+    for mae, seconds, count in ((1.001, 3.0, 0), (1.1, 1.0, 1)):
+        ours = table.copy()
+        ours.loc[("mae_mm", "3fsk"), "value"] *= mae
+        ours.loc[("seconds", "3fsk"), "value"] *= seconds
+        changed = replace(result, table=ours.reset_index())
+        assert len(list(readme.differences(changed, tmp_path))) == count

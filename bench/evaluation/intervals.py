@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtri, stdtrit  # scipy.stats takes a second, and forty times as long
 
 from handbench.bench.evaluation.repeats import deviation, mean_deviation
 from handbench.bench.evaluation.tables import LEVEL
@@ -34,8 +35,6 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
     NaN are left out. Returns None for fewer than five captures (FEWEST).
     Student's T = (m − μ)/s is corrected for the skewness γ (Hall 1992): T + γT²/3 + γ²T³/27 + γ/6n
     follows Student's distribution more closely. The ends of the interval are transformed back."""
-    from scipy import stats  # takes a second
-
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     n = len(finite)
@@ -43,7 +42,7 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
         return None
     mean = finite.mean()
     spread = deviation(finite)
-    quantiles = stats.t.ppf(TAILS[::-1], n - 1) / np.sqrt(n)
+    quantiles = stdtrit(n - 1, TAILS[::-1]) / np.sqrt(n)
     skew = float((((finite - mean) / spread) ** 3).mean() * (n / (n - 1)) ** 1.5) if spread else 0.0
     if abs(skew) > 1e-6:  # below, the transformation is the identity to rounding
         quantiles = 3 / skew * (np.cbrt(1 + skew * (quantiles - skew / (6 * n))) - 1)
@@ -69,13 +68,11 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray]) -> Interval | None:
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
     metres. It is the χ² interval of a standard deviation, for further repeats of the same hands,
     whose errors are independent. None if a hand has fewer than two usable repeats."""
-    from scipy import stats
-
     spread = mean_deviation(strongest_z_m)
     if spread is None:
         return None
     deviation_mm, freedom = spread
-    ends = deviation_mm * np.sqrt(freedom / stats.chi2.isf(TAILS, freedom))
+    ends = deviation_mm * np.sqrt(freedom / chdtri(freedom, TAILS))
     return Interval(*ends.tolist())
 
 

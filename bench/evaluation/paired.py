@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import fdtr, fdtrc, fdtri
 
 from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
 from handbench.bench.evaluation.intervals import FEWEST, TAILS, counted, mean_interval
@@ -35,8 +36,6 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
     a, b [n]: figures of A and B on the same captures, in the same order. Pairing removes the error
     that a capture adds to both. Captures with NaN in either are left out. With fewer than five
     captures (FEWEST), only the difference is returned."""
-    from scipy import stats  # takes a second
-
     gain = (b - a)[np.isfinite(b - a)]
     difference = float(pd.Series(gain).mean())
     interval = mean_interval(gain)
@@ -45,6 +44,8 @@ def paired_test(a: np.ndarray, b: np.ndarray) -> Difference:
     size = np.nanmax(np.abs([a, b]))
     if deviation(gain) <= ROUNDING * size:
         return _without_scatter(difference, size)
+    from scipy import stats  # takes a second
+
     return Difference(difference, *interval, float(stats.ttest_1samp(gain, 0).pvalue))
 
 
@@ -52,8 +53,6 @@ def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
     """Test B − A by Welch's t-test (1947), for two independent sets of captures.
     a [n], b [m]: one figure for each capture of A and of B. NaN are left out. With fewer than five
     captures (FEWEST) in either set, only the difference is returned."""
-    from scipy import stats
-
     a, b = a[np.isfinite(a)], b[np.isfinite(b)]
     difference = float(pd.Series(b).mean() - pd.Series(a).mean())
     if min(len(a), len(b)) < FEWEST:
@@ -61,6 +60,8 @@ def welch_test(a: np.ndarray, b: np.ndarray) -> Difference:
     size = np.abs([*a, *b]).max()
     if max(deviation(a), deviation(b)) <= ROUNDING * size:
         return _without_scatter(difference, size)
+    from scipy import stats
+
     with warnings.catch_warnings(action="ignore"):  # SciPy's, if one set does not scatter
         tested = stats.ttest_ind(b, a, equal_var=False)
     return Difference(difference, *map(float, (*tested.confidence_interval(LEVEL), tested.pvalue)))
@@ -78,8 +79,6 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
     [n_repeats], metres. All repeats count as independent, which is cautious if both methods image
     the same echoes. The interval of the difference follows from that of the ratio of the
     precisions, multiplied by A's precision."""
-    from scipy import stats
-
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Difference(np.nan)
@@ -89,9 +88,9 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
     if not a or not b:
         return Difference(b - a)
     ratio = b / a
-    distribution = stats.f(freedom_b, freedom_a)
-    p = 2 * min(distribution.cdf(ratio**2), distribution.sf(ratio**2))
-    low, high = a * (ratio / np.sqrt(distribution.ppf(TAILS[::-1])) - 1)
+    freedom = freedom_b, freedom_a
+    p = 2 * min(fdtr(*freedom, ratio**2), fdtrc(*freedom, ratio**2))
+    low, high = a * (ratio / np.sqrt(fdtri(*freedom, TAILS[::-1])) - 1)
     return Difference(b - a, float(low), float(high), float(min(p, 1)))
 
 

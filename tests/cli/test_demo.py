@@ -1,5 +1,4 @@
-"""`handbench demo`, on a coarser hand with fewer tones: what it writes, prints, goes on with and
-refuses."""
+"""`handbench demo`, on a sphere at three tones: what it writes, tells and refuses."""
 
 from __future__ import annotations
 
@@ -22,9 +21,9 @@ SCENE = benchmark_file.EMBEDDED / "demo_hand.toml"
 
 @pytest.fixture
 def small(tmp_path, monkeypatch):
-    """The demo's scene with an edge of 4 mm and without the sweep, two of its methods, and an empty
-    current folder."""
-    text = SCENE.read_text("utf-8").replace("edge_m = 1.5e-3", "edge_m = 4e-3")
+    """The demo's scene with a sphere for the hand and without the sweep, two of its methods, and an
+    empty current folder."""
+    text = SCENE.read_text("utf-8").replace('"hand"\npose = "F"', '"sphere"')
     text = re.sub(
         "sweep = .*\ntones_hz = .*", "sweep = []\ntones_hz = [82e9, 81.8e9, 79.5e9]", text
     )
@@ -37,7 +36,7 @@ def small(tmp_path, monkeypatch):
     return tmp_path / "here" / "handbench-demo"
 
 
-def test_the_demo_tells_draws_and_goes_on(small, capsys):
+def test_the_demo_tells_draws_and_goes_on(small, monkeypatch, capsys):
     assert main(["demo"]) == 0
     printed = capsys.readouterr().out
     mae_mm = [
@@ -53,6 +52,7 @@ def test_the_demo_tells_draws_and_goes_on(small, capsys):
     assert [parser().parse_args(command[1:]).command for command in commands] == NEXT
     echoes = small / "capture" / "echoes.h5"
     before = echoes.stat().st_mtime_ns
+    monkeypatch.setattr(demo, "METHODS", ("2fsk",))
     assert main(["demo"]) == 0
     assert echoes.stat().st_mtime_ns == before and "exists already" in capsys.readouterr().err
 

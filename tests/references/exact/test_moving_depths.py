@@ -2,6 +2,7 @@
 place: nothing of handbench's simulation."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,14 +21,14 @@ PIXELS = {
 }
 
 
+@cache
+def echo(z_m, hz):
+    return cylinder_echoes([replace(FINGER, z_m=z_m)], np.array([hz]), thin_array())[0]
+
+
 def moving(velocity_m_s):
-    samples = [
-        cylinder_echoes(
-            [replace(FINGER, z_m=FINGER.z_m + velocity_m_s * time_s)], np.array([hz]), thin_array()
-        )[0]
-        for hz, time_s in zip(TONES_HZ, TIMES_S, strict=True)
-    ]
-    samples = np.array(samples)[None].astype(np.complex64)
+    samples = np.array([*map(echo, FINGER.z_m + velocity_m_s * TIMES_S, TONES_HZ)])
+    samples = samples[None].astype(np.complex64)
     return RadarCapture(samples, TONES_HZ, thin_array(), times_s=TIMES_S)
 
 
@@ -43,10 +44,9 @@ def test_depths_of_a_moving_finger_are_as_at_rest():
     rest = moving(0.0)
     at_rest_mm = imaged("3fsk", rest)[1]
     assert imaged("3fsk-doppler", rest)[1] < 1.1 * at_rest_mm
-    for velocity_m_s in (0.1, -0.1):
-        moved = moving(velocity_m_s)
-        # f/Δf·v·T of both tones, 49 ms on average
-        assert imaged("3fsk", moved)[1] > max(2 * at_rest_mm, 1e3 * 0.04 * abs(velocity_m_s))
-        depth, moved_mm = imaged("3fsk-doppler", moved)
-        assert moved_mm < 1.2 * at_rest_mm
-        assert np.nanmedian(depth.velocity_m_s) == pytest.approx(velocity_m_s, rel=0.03)
+    moved = moving(-0.1)
+    # f/Δf·v·T of both tones, 49 ms on average
+    assert imaged("3fsk", moved)[1] > max(2 * at_rest_mm, 1e3 * 0.04 * 0.1)
+    depth, moved_mm = imaged("3fsk-doppler", moved)
+    assert moved_mm < 1.2 * at_rest_mm
+    assert np.nanmedian(depth.velocity_m_s) == pytest.approx(-0.1, rel=0.03)
