@@ -2,7 +2,7 @@
 the posed bones smoothly."""
 
 import itertools
-from functools import lru_cache, reduce
+from functools import reduce
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,17 +48,10 @@ def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> Triang
     The origin is the palm's centre. Unless the pose turns the hand, +y points towards the
     fingertips and the palm faces −z. person: whose hand it is.
     """
-    vertices_m, faces = _skin(pose, edge_m, person)
+    vertices_m, faces = zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
     surface = mesh(vertices_m @ hand_from_palm(pose).T, faces)
     surface.compute_vertex_normals()
     return surface
-
-
-@lru_cache(maxsize=4)  # a hand of skin and its print are two scenes with one surface
-def _skin(pose: Pose, edge_m: float, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Compute a hand's skin in the palm frame: vertices [n, 3] and triangles [m, 3]. The arrays are
-    cached and returned again by later calls, so they must not be changed."""
-    return zero_set(palm_field(pose, person), *_bounds_m(pose, person), edge_m)
 
 
 def _bounds_m(pose: Pose, person: Person) -> tuple[np.ndarray, np.ndarray]:

@@ -6,17 +6,21 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from handbench.support.compiled import njit
+from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each
 
 # points [n, 3] to signed distances [n], metres, negative inside
 Field = Callable[[np.ndarray], np.ndarray]
 
-CHUNK = 32_768  # points that fit the cache together with the temporaries of one primitive
-NEWTON_STEPS = 20  # three suffice but at the groove between touching bodies
-RELAXATIONS = 12  # two suffice but for a few folds
+CHUNK = 8192  # points that fit the cache together with the temporaries of one primitive
+COARSE = 3  # steps of the lattice between the places at which it is computed first
+NEAR = 1.2  # of those: values below this are computed
+STEP = 1.07  # of the lattice, in edges of the relaxed triangles
+SMOOTHINGS = 3  # of all vertices
+RELAXATIONS = 4  # of triangles in narrow grooves; more do not help
 SLIVER = 0.3
-ON_SURFACE_M = 1e-7
+NEWTON_STEPS = 20  # three suffice but at the groove between touching bodies
+ON_SURFACE_M = 5e-7
 DIFFERENCE_M = 2e-6
 
 
@@ -39,18 +43,9 @@ def round_cone(
     return lambda points: _to_cone(points, start, unit, length, slope, sine, start_radius_m)
 
 
-@njit(nogil=True, cache=True)
-def _to_cone(
-    points: np.ndarray,
-    start: np.ndarray,
-    unit: np.ndarray,
-    length: float,
-    slope: float,
-    sine: float,
-    radius_m: float,
-) -> np.ndarray:
-    """Compute the signed distance [n] of points [n, 3] to a round cone (convex hull of two
-    spheres).
+@njit(**FAST)
+def _to_cone(points, start, unit, length, slope, sine, radius_m):  # type: ignore[no-untyped-def]
+    """Compute the signed distance [n] of points [n, 3] to a round cone.
 
     start [3], radius_m: the first sphere. unit [3], length: direction and distance to the second
     sphere's centre. sine, slope: sine and tangent of half the cone's opening angle.
@@ -68,7 +63,6 @@ def _to_cone(
     return distance
 
 
-@njit(nogil=True, cache=True)
 def smooth_minimum(a: np.ndarray, b: np.ndarray, blend_m: float | np.ndarray) -> np.ndarray:
     """Return min(a, b) with a smooth transition. Applied to the distances to two bodies, it joins
     the bodies with a fillet.
@@ -95,20 +89,13 @@ def smooth_union(fields: list[Field], blend_m: float) -> Field:
 
 def evaluate(field: Field, points_m: np.ndarray) -> np.ndarray:
     """Evaluate a signed distance at points [n, 3] on all cores. Returns values [n], metres."""
-    values = np.empty(len(points_m))
+    points_m, values = np.ascontiguousarray(points_m), np.empty(len(points_m))
 
     def work(start: int) -> None:
         values[start : start + CHUNK] = field(points_m[start : start + CHUNK])
 
     for_each(work, range(0, len(points_m), CHUNK))
     return values
-
-
-def gradient(field: Field, points_m: np.ndarray) -> np.ndarray:
-    """Compute the gradient [n, 3] of a signed distance at points [n, 3], by central differences."""
-    steps = DIFFERENCE_M * np.eye(3)
-    columns = [evaluate(field, points_m + s) - evaluate(field, points_m - s) for s in steps]
-    return np.stack(columns, axis=1) / (2 * DIFFERENCE_M)
 
 
 def project(field: Field, points_m: np.ndarray) -> np.ndarray:
@@ -120,7 +107,8 @@ def project(field: Field, points_m: np.ndarray) -> np.ndarray:
         values = evaluate(field, points_m[off])
         beside = np.abs(values) > ON_SURFACE_M
         off, values = off[beside], values[beside]
-        slope = gradient(field, points_m[off])
+        steps = (evaluate(field, points_m[off] + step) for step in DIFFERENCE_M * np.eye(3))
+        slope = np.stack([(value - values) / DIFFERENCE_M for value in steps], axis=1)
         # a flat spot must throw no point far away
         steepness = np.maximum(np.einsum("ij,ij->i", slope, slope), 0.05)
         points_m[off] -= (values / steepness)[:, None] * slope
@@ -136,12 +124,12 @@ def lattice(field: Field, lower_m: np.ndarray, upper_m: np.ndarray, step_m: floa
     """
     from scipy.ndimage import zoom
 
-    coarse = 3
-    shape = np.ceil((upper_m - lower_m) / (coarse * step_m)).astype(int) + 1
+    coarse_m = COARSE * step_m
+    shape = np.ceil((upper_m - lower_m) / coarse_m).astype(int) + 1
     places = np.indices(tuple(shape)).reshape(3, -1).T
-    rough = evaluate(field, lower_m + coarse * step_m * places).reshape(shape)
-    values = zoom(rough, (coarse * (shape - 1) + 1) / shape, order=1, grid_mode=False)
-    near = np.argwhere(np.abs(values) < 2.5 * coarse * step_m)
+    rough = evaluate(field, lower_m + coarse_m * places).reshape(shape)
+    values = zoom(rough, (COARSE * (shape - 1) + 1) / shape, order=1, grid_mode=False)
+    near = np.argwhere(np.abs(values) < NEAR * coarse_m)
     values[tuple(near.T)] = evaluate(field, lower_m + step_m * near)
     return values
 
@@ -150,26 +138,39 @@ def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the surface on which a signed distance is zero, as vertices [n, 3] and outward
-    triangles [m, 3] with edges of about edge_m.
+    triangles [m, 3] with edges of about edge_m. Of several surfaces, the one with the most
+    triangles counts.
 
-    lower_m, upper_m [3]: corners of a box around the surface. Marching cubes are followed by
-    remeshing to even triangles, and every vertex is moved onto the zero set. Narrow grooves can
-    leave slivers or folded triangles: then vertices are moved to the mean of their neighbours and
-    back onto the zero set, until all triangles are well shaped.
+    lower_m, upper_m [3]: corners of a box around the surface. After marching cubes, every vertex is
+    moved to the mean of its neighbours a few times, which makes the triangles even, and back onto
+    the zero set. Triangles that are slivers or folded then, in narrow grooves, are treated so a few
+    times more.
     """
+    from scipy import sparse
     from skimage import measure
 
     marching_cubes: Callable[..., tuple[np.ndarray, ...]] = measure.marching_cubes
-    step_m = 0.9 * edge_m
+    step_m = STEP * edge_m
     values = lattice(field, lower_m, upper_m, step_m)
-    vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
-    vertices, faces = remesh(lower_m + step_m * vertices.astype(np.float64), faces, edge_m)
-    vertices = project(field, vertices)
+    corners, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+    # each edge of a closed mesh is met once in either direction
+    ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    joined = sparse.coo_array((np.ones(len(ends[0])), ends), (len(corners),) * 2).tocsr()
+    piece = sparse.csgraph.connected_components(joined, directed=False)[1]
+    kept = piece == np.bincount(piece).argmax()
+    faces = (np.cumsum(kept) - 1)[faces[kept[faces[:, 0]]]]
+    joined = joined[kept][:, kept]
+    mean = sparse.diags_array(1 / joined.sum(axis=1)) @ joined
+    vertices_m = lower_m + step_m * corners[kept].astype(np.float64)
+    for _ in range(SMOOTHINGS):
+        vertices_m = mean @ vertices_m
+    vertices_m = project(field, vertices_m)
     for _ in range(RELAXATIONS):
-        vertices = project(field, neighbour_mean(vertices, faces))
-        if triangle_quality(vertices[faces]).min() > SLIVER:
+        crooked = np.unique(faces[triangle_quality(vertices_m[faces]) < SLIVER])
+        if len(crooked) == 0:
             break
-    return vertices, faces
+        vertices_m[crooked] = project(field, mean[crooked] @ vertices_m)
+    return vertices_m, faces
 
 
 def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
@@ -178,29 +179,3 @@ def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
     edges_m = np.roll(triangles_m, -1, axis=1) - triangles_m
     twice_area = np.linalg.norm(np.cross(edges_m[:, 0], edges_m[:, 1]), axis=1)
     return 2 * np.sqrt(3) * twice_area / (edges_m**2).sum(axis=(1, 2))
-
-
-def neighbour_mean(vertices_m: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Compute, for every vertex of a closed mesh, the mean [n, 3] of the vertices that an edge
-    connects to it. vertices_m [n, 3]; faces [m, 3]: vertex indices."""
-    # in a closed mesh the triangles' edges run along each edge once per direction
-    start, end = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
-    total = np.stack([np.bincount(start, column) for column in vertices_m[end].T], axis=1)
-    return total / np.bincount(start)[:, None]
-
-
-def remesh(
-    vertices_m: np.ndarray, faces: np.ndarray, edge_m: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Remesh the largest connected part of a mesh with nearly equilateral triangles whose edges are
-    about edge_m long. Returns the new vertices [n, 3] and triangles [m, 3]."""
-    import pymeshlab
-
-    meshes = pymeshlab.MeshSet(verbose=False)
-    meshes.add_mesh(pymeshlab.Mesh(vertices_m, faces))
-    meshes.meshing_remove_connected_component_by_face_number(mincomponentsize=len(faces) // 2)
-    meshes.meshing_isotropic_explicit_remeshing(
-        iterations=6, targetlen=pymeshlab.PureValue(edge_m), adaptive=False, checksurfdist=False
-    )
-    result = meshes.current_mesh()
-    return result.vertex_matrix(), result.face_matrix()
