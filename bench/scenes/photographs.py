@@ -73,26 +73,30 @@ class Studio:
     def expose(self, camera: Camera) -> np.ndarray:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
         white, without blur and noise. Pixels at edges are means of several rays."""
-        directions = ray_directions(camera)
+        pixels = np.stack(np.mgrid[: camera.height, : camera.width][::-1], axis=-1) + 0.5
         parts = [
-            self.shoot(camera.centre_m, directions[top : top + ROWS])
-            for top in range(0, camera.height, ROWS)
+            self.shoot(camera, pixels[top : top + ROWS]) for top in range(0, camera.height, ROWS)
         ]
         radiance, distance_m, label = map(np.concatenate, zip(*parts, strict=True))
         edge = _edges(distance_m, label)
-        radiance[edge] = self._supersample(camera.centre_m, directions, edge)
+        offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
+        samples = (
+            self.shoot(camera, pixels[edge] + offset)[0]
+            for offset in itertools.product(offsets, repeat=2)
+        )
+        radiance[edge] = sum(samples, np.zeros(3, np.float32)) / EDGE_SAMPLES**2
         return radiance
 
     def shoot(
-        self, origin_m: np.ndarray, directions: np.ndarray
+        self, camera: Camera, pixels: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Cast rays from the point origin_m [3] along (nearly) unit `directions` [..., 3].
+        """Cast a ray through each of a camera's pixels [..., 2].
 
         Returns the radiance [..., 3] that comes back along each ray, the distance [...] of the
         first surface in metres, and the index [...] of its body (−1: the ray meets none and shows
         the dark room).
         """
-        rays = directions.reshape(-1, 3)
+        origin_m, rays = camera.centre_m, ray_directions(camera, pixels.reshape(-1, 2))
         query = np.hstack([np.broadcast_to(origin_m, rays.shape), rays]).astype(np.float32)
         hits = {
             key: hit.numpy()
@@ -109,39 +113,17 @@ class Studio:
             points_m = origin_m + distance_m[seen, None].astype(np.float64) * ray
             irradiance = np.einsum("ij,ij->i", light[corners], weights).astype(np.float32)
             radiance[seen] = body.albedo(points_m) * irradiance[:, None]
-        shape = directions.shape[:-1]
-        return radiance.reshape(directions.shape), distance_m.reshape(shape), label.reshape(shape)
-
-    def _supersample(
-        self, centre_m: np.ndarray, directions: np.ndarray, edge: np.ndarray
-    ) -> np.ndarray:
-        """Compute the mean radiance [n, 3] over the area of each pixel in the mask `edge` [height,
-        width], from 9 rays per pixel.
-
-        centre_m [3]: the camera's centre. directions [height, width, 3]: rays through the pixels'
-        centres.
-        """
-        height, width = edge.shape
-        rows, columns = np.nonzero(edge)
-        r, c = np.clip(rows, 1, height - 2), np.clip(columns, 1, width - 2)
-        right = (directions[r, c + 1] - directions[r, c - 1]) / 2  # from one pixel to the next
-        down = (directions[r + 1, c] - directions[r - 1, c]) / 2
-        offsets = (np.arange(EDGE_SAMPLES) + 0.5) / EDGE_SAMPLES - 0.5
-        samples = (
-            self.shoot(centre_m, directions[edge] + u * right + v * down)[0]
-            for u, v in itertools.product(offsets, repeat=2)
-        )
-        return sum(samples, np.zeros(3, np.float32)) / EDGE_SAMPLES**2
+        shape = pixels.shape[:-1]
+        return radiance.reshape(*shape, 3), distance_m.reshape(shape), label.reshape(shape)
 
 
-def ray_directions(camera: Camera) -> np.ndarray:
-    """Compute the viewing directions of all pixels of a camera: unit vectors [height, width, 3] in
-    the world frame, through the pixels' centres."""
-    v, u = np.mgrid[: camera.height, : camera.width] + 0.5
-    xy = np.asarray(camera.colmap().cam_from_img(np.stack([u, v], axis=-1).reshape(-1, 2)))
-    rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.rotation
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return rays.reshape(camera.height, camera.width, 3)
+def ray_directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Compute the viewing directions of a camera's pixels [n, 2] (column and row; the first pixel's
+    centre is at 0.5): unit vectors [n, 3] in the world frame."""
+    rays = np.asarray(camera.colmap().cam_from_img(pixels)) @ camera.rotation[:2]
+    rays += camera.rotation[2]
+    rays /= np.sqrt(np.einsum("ij,ij->i", rays, rays))[:, None]
+    return rays
 
 
 def _edges(distance_m: np.ndarray, label: np.ndarray) -> np.ndarray:

@@ -46,11 +46,11 @@ def test_rays_undo_the_projection(scene: Scene) -> None:
     lens = (300.0, 310.0, 61.0, 39.0, -0.25, 0.09, 1e-3, -1e-3)
     changes = {"width": 120, "height": 80, "model": "OPENCV", "params": lens}
     camera = scene.cameras[0].model_copy(update=changes)
-    rays = ray_directions(camera).reshape(-1, 3)
-    v, u = np.mgrid[:80, :120].reshape(2, -1) + 0.5
+    pixels = np.mgrid[:120, :80].reshape(2, -1).T + 0.5
+    rays = ray_directions(camera, pixels)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
     seen = camera.project(camera.centre_m + 0.7 * rays)
-    np.testing.assert_allclose(seen, np.stack([u, v], axis=1), atol=1e-6)
+    np.testing.assert_allclose(seen, pixels, atol=1e-6)
 
 
 def test_noise_has_the_stated_level(scene: Scene, studio: Studio) -> None:
