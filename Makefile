@@ -37,11 +37,9 @@ table: setup
 
 # The tests that take less than 3 s each; test-all runs all of them.
 test: lint
-	$(BIN)/python -m handbench.radar.warmup  # or both of the processes would compile the kernels
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not slow"
 
 test-all: lint
-	$(BIN)/python -m handbench.radar.warmup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # A quarter of the test files, in random order, and property tests on more and fresh examples;

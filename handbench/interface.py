@@ -180,13 +180,11 @@ def stream(
     from handbench.bench.pipeline.image import prepare
     from handbench.radar.data.capture import RadarCapture, as_complex64
     from handbench.radar.methods import registry
-    from handbench.radar.warmup import compile_kernels
 
     chosen = registry.method(method)
     where = f"method '{method}'"
     config = chosen.configure(_within(chosen.configure({}, where), settings), where)
     asked_hz = config.frequencies_hz if frequencies_hz is None else np.asarray(frequencies_hz)
-    compile_kernels()
     begun = False
 
     def image(samples: np.ndarray) -> Depth:

@@ -31,7 +31,6 @@ from handbench.groundtruth.mesh.mesh_files import write_mesh
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.scene import Choice
-from handbench.radar.warmup import announce
 from handbench.support.files import atomic_folder, atomic_path, write_text
 from handbench.support.parallel import for_each
 from handbench.support.progress import say
@@ -60,7 +59,6 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     them, photographs, true surface (of a moving target: that of each frame's start, with
     velocities) and description. Returns one row for each effect: whether it was simulated, and why.
     """
-    announce()
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)

@@ -86,10 +86,7 @@ def image(
     """Image one frame of a capture by a method: the depth map with its standard deviations, flags
     and p_gross, the probability of a gross error. Raises HandbenchError if the method cannot image
     the frame."""
-    from handbench.radar.warmup import compile_kernels
-
     task = prepare(echoes, chosen, settings, [frame])
-    compile_kernels()
     return task.with_uncertainty(task.image(frame), frame)
 
 

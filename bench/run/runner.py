@@ -38,8 +38,9 @@ from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.pipeline import CLOUD, MESH
+from handbench.radar.imaging.cpu.forward import gather
 from handbench.radar.imaging.device import current_device
-from handbench.radar.warmup import announce
+from handbench.support.compiled import announce
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
 from handbench.support.folder import locked
@@ -70,7 +71,7 @@ def run(
     read_sources()
     with locked(folder) as work, counted(0) as progress:
         _require_same(folder, config, overwrite)
-        announce()  # the processes say nothing
+        announce(gather)  # the processes say nothing
         engine = Engine(work.resolve(), progress)
         opened, targets = open_captures(engine, bench, base), open_targets(bench, base)
         shared, timed = stage_counts(bench, opened, targets)

@@ -1,7 +1,6 @@
 """The stages that image a capture by one method: they turn echoes into depth maps, and measure the
 time and the scatter of the depths over repeated frames."""
 
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -24,6 +23,7 @@ from handbench.radar.methods.evidence import different_frames
 from handbench.radar.methods.pixels import masked_mean
 from handbench.radar.methods.registry import method
 from handbench.radar.methods.settings import MethodSettings
+from handbench.support.compiled import clock_s
 from handbench.support.files import read_json, read_npz, write_json, write_npz
 from handbench.support.limits import KEPT_BYTES
 from handbench.support.store import stage
@@ -230,14 +230,11 @@ class Imager:
         every_nth_antenna: int = 1,
         repeats: bool = False,
     ) -> None:
-        from handbench.radar.warmup import compile_kernels
-
         settings = configuration(capture, method_id, config)
         echoes = open_capture(capture).echoes(frames)
         different = different_frames(echoes.samples) if repeats else ()
         self.frames = different or required_frames(echoes, frames)
         self.task = prepare(echoes, method(method_id), settings, self.frames, every_nth_antenna)
-        compile_kernels()
 
     def images(self) -> Images:
         """Image every frame; return the results and the times.
@@ -260,8 +257,8 @@ class Imager:
         """Repeat the imaging for half a second (REPEATED_S), so that the median of fast methods is
         that of many times.
         seconds: times measured so far, s. Returns these and the times of the repetitions."""
-        times, end = list(seconds), time.perf_counter() + REPEATED_S
-        while time.perf_counter() + times[-1] < end:
+        times, end_s = list(seconds), clock_s() + REPEATED_S
+        while clock_s() + times[-1] < end_s:
             with timed(times):
                 self.task.image(self.frames[len(times) % len(self.frames)])
         return times
@@ -269,10 +266,11 @@ class Imager:
 
 @contextmanager
 def timed(seconds: list[float]) -> Iterator[None]:
-    """Context manager that appends the duration of its block, in seconds, to the list `seconds`."""
-    start = time.perf_counter()
+    """Context manager that appends the duration of its block, in seconds and without that of
+    compilation, to the list `seconds`."""
+    start_s = clock_s()
     yield
-    seconds.append(time.perf_counter() - start)
+    seconds.append(clock_s() - start_s)
 
 
 def write_treated(

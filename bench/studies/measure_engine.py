@@ -9,7 +9,6 @@ Seconds depend on the state of the machine, so compare ratio_to_exact, a ratio o
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -33,7 +32,7 @@ from handbench.radar.simulation.forward import Scatterers, simulate
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.scene import CENTRE_M
 from handbench.radar.simulation.scene_echoes import front_facets
-from handbench.radar.warmup import compile_kernels
+from handbench.support.compiled import clock_s
 from handbench.support.cost import machine
 from handbench.support.files import write_json
 from handbench.support.progress import track
@@ -115,9 +114,9 @@ def measure(case: EngineCase, repeats: int = REPEATS) -> dict[str, Any]:
 
 
 def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
-    """Call `work`. Returns its result and the seconds that it took."""
-    start = time.perf_counter()
-    return work(), time.perf_counter() - start
+    """Call `work`. Returns its result and the seconds that it took, without compilation."""
+    start_s = clock_s()
+    return work(), clock_s() - start_s
 
 
 def main() -> None:
@@ -125,7 +124,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("runs/bench.json"))
     options = parser.parse_args()
-    compile_kernels()
     measured = cases(hand(), qar50(), Backprojection(), Fsk())
     rows = [measure(case) for case in track(measured, "engine")]
     facts = {**machine(), "imaging_device": describe()}

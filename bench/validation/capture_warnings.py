@@ -30,7 +30,6 @@ from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.radar.methods.settings import MethodSettings
-from handbench.radar.warmup import compile_kernels
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
@@ -89,7 +88,6 @@ def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
     yield from plain
     if plain or not echoes.samples[0].any():
         return  # all that follows would be about these
-    compile_kernels()
     yield from recorded.warnings()
     surface = recorded.surface()
     start_m = 0.0 if surface is None else float(np.median(surface.vertices_m[:, 2]))

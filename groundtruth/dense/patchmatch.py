@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
-from handbench.support.compiled import FAST, INNER, announce_compilation, njit
+from handbench.support.compiled import FAST, INNER, njit
 from handbench.support.parallel import for_each
 
 # of a window of 7 × 7 pixels; larger ones flatten curved surfaces, and put a finger too far away
@@ -191,8 +191,7 @@ def mismatches(
 
 def compile_kernels() -> None:
     """Compile the functions for matching, or load them from the cache of compiled code, before they
-    are needed; say so if they are compiled, which takes some seconds."""
-    announce_compilation(_match, _sum_neighbours)
+    are needed."""
     gray = np.zeros((1, SMOOTHED_REACH, SMOOTHED_REACH), np.float32)
     sizes = np.array([gray[0].shape])
     stereo = Stereo(gray[0], gray, sizes, np.eye(3)[None], np.zeros((1, 3)), 1.0)

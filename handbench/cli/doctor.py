@@ -25,6 +25,7 @@ def run(options: argparse.Namespace) -> None:
     _print(memory_gb >= WANTED_MEMORY_GB, f"memory: {memory_gb:.0f} GB", "use smaller photographs")
     _print(free_gb >= WANTED_DISK_GB, f"free disk: {free_gb:.0f} GB", "`make table` needs 5 GB")
     for part, load in (
+        ("compiled code", _require_cache),
         ("meshes", load_open3d),
         ("photographs", load_pycolmap),
         ("imaging on a GPU", lambda: describe("cuda")),
@@ -42,6 +43,17 @@ def run(options: argparse.Namespace) -> None:
 def _print(works: bool, part: str, otherwise: str = "") -> None:
     """Print whether a part works, and if it does not, what to do."""
     print_wrapped(f"ok  {part}" if works else f"--  {part}: {otherwise}", "    ")
+
+
+def _require_cache() -> None:
+    """Raise HandbenchError if no folder keeps compiled code from one command to the next."""
+    from handbench.support.compiled import CACHE, COMPILE_S, KEPT
+
+    if KEPT is None:
+        raise HandbenchError(
+            f"no folder for it can be written, so each command compiles for some {COMPILE_S} s; "
+            f"set {CACHE} to one that can"
+        )
 
 
 def _require_cuda() -> None:

@@ -42,9 +42,7 @@ def run(options: argparse.Namespace) -> None:
         say(f"{options.capture}: {warning}")
     task = prepare(echoes, chosen, settings, [options.frame])
     from handbench.radar.imaging.device import describe
-    from handbench.radar.warmup import announce
 
-    announce()
     depth = task.with_uncertainty(task.image(options.frame), options.frame)
     depth.save(options.out)
     for warning in warnings_of(depth, MAP):

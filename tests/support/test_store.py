@@ -108,7 +108,6 @@ PRODUCT = [one for one in DECLARED if one.__module__.startswith("handbench.")]
 NOT_RUN = {
     "radar.methods.measured_tones": "asked by importers of data sets, which no stage runs",
     "radar.simulation.ablation": "simulates by methods, but for `--explain` only",
-    "radar.warmup": "compiles kernels, and changes no result",
 }
 # what a change of the rooms on the right must not make again
 FREE = {

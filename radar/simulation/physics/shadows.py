@@ -179,26 +179,29 @@ def edge_waves(
     """
     waves = np.zeros((2, len(wavenumbers), len(points_m)), np.float32)
     ways_m = np.ascontiguousarray((points_m - antenna_m).T, np.float32)
-    _waves(ways_m, starts, outline, wavenumbers, wavenumbers.mean(), waves)
+    # of the cubes: NumPy takes no time for what takes seconds to compile
+    sizes = np.diff(starts)
+    centres_m = np.add.reduceat(ways_m, starts[:-1], axis=1) / sizes
+    off_m = ways_m - np.repeat(centres_m, sizes, axis=1)
+    radii_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=0), starts[:-1]))
+    _waves(ways_m, starts, centres_m, radii_m, outline, wavenumbers, wavenumbers.mean(), waves)
     return np.asarray(waves[0] + np.complex64(1j) * waves[1])
 
 
 @njit(**FAST)
 def _waves(  # type: ignore[no-untyped-def]
-    ways_m, starts, edges_m, wavenumbers, wavenumber, waves
+    ways_m, starts, centres_m, radii_m, edges_m, wavenumbers, wavenumber, waves
 ):
     """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
-    by cube, with only those edges that matter for some point of the cube."""
-    most = np.diff(starts).max()
-    amplitude, detour_m = np.empty(most, np.float32), np.empty(most, np.float32)
-    for cube in range(len(starts) - 1):
+    by cube (centres [3, cubes], radii [cubes]), with only those edges that matter for some point of
+    the cube."""
+    amplitude, detour_m = np.empty_like(ways_m[0]), np.empty_like(ways_m[0])
+    for cube in range(len(radii_m)):
         here = slice(starts[cube], starts[cube + 1])
         x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
-        centre = x.mean(), y.mean(), z.mean()
-        square_m2 = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2
-        radius_m = np.sqrt(square_m2.max())
+        centre = centres_m[0, cube], centres_m[1, cube], centres_m[2, cube]
         for e in range(len(edges_m)):
-            if not _near(edges_m[e], centre, radius_m, FARTHEST / wavenumber):
+            if not _near(edges_m[e], centre, radii_m[cube], FARTHEST / wavenumber):
                 continue
             _edge(x, y, z, edges_m[e], wavenumber, amplitude, detour_m)
             for k in range(len(wavenumbers)):

@@ -51,8 +51,8 @@ def test_a_projection_is_averaged_afterwards(tmp_path):
 @pytest.mark.parametrize(("each_s", "more"), [([0.01, 0.02], 33), ([0.3, 0.3], 1), ([0.6, 0.6], 0)])
 def test_times_are_repeated_for_half_a_second(each_s, more, monkeypatch):
     """On a clock that images alone move, of which the frames take these times in turns."""
-    clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
-    monkeypatch.setattr(reconstruct, "time", clock)
+    clock = SimpleNamespace(now=0.0)
+    monkeypatch.setattr(reconstruct, "clock_s", lambda: clock.now)
 
     def image(frame):
         clock.now += each_s[frame]

@@ -5,9 +5,6 @@ import sys
 
 import pytest
 
-from handbench.radar import warmup
-from handbench.support import compiled
-
 SIMULATE = """
 import hashlib
 from tests.radar.simulation.effects.small_scenes import EVERYTHING, bead_scene, simulated
@@ -29,16 +26,3 @@ def test_echoes_are_the_same_bits_with_and_without_kernels_in_the_cache(tmp_path
         file.unlink()
     assert len(cached) > 5
     assert simulate() == first
-
-
-def test_a_compilation_for_this_processor_is_announced_once(monkeypatch, capsys):
-    warmup.compile_kernels()
-    compiled._announce.cache_clear()
-    capsys.readouterr()
-    warmup.announce()
-    assert not capsys.readouterr().err
-    code = type(warmup.gather.targetctx.codegen())
-    monkeypatch.setattr(code, "magic_tuple", lambda _: ("another processor",))
-    warmup.announce()
-    warmup.announce()
-    assert capsys.readouterr().err.count("\n") == 1
