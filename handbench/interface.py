@@ -207,6 +207,20 @@ def _within(usual: Config, settings: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+class Delegating:
+    """Base class of objects that also have all attributes of another, their attribute `OF`."""
+
+    OF: str
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__") or name == self.OF:  # while it is copied
+            raise AttributeError(name)
+        return getattr(getattr(self, self.OF), name)
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *dir(getattr(self, self.OF))]
+
+
 class Plottable:
     """Base class of objects that `plot` draws as a figure. A notebook shows this figure for an
     object that is the result of a cell."""
@@ -236,7 +250,7 @@ class Plottable:
         return image_bytes(self._figure())
 
 
-class Depth(Plottable):
+class Depth(Delegating, Plottable):
     """A depth map in the radar's frame: pixel centres x_m [nx], y_m [ny], metres; depths z_m [ny,
     nx], metres, NaN where no surface was observed; and amplitudes amplitude_db [ny, nx]. It has all
     attributes of `DepthMap`, as velocity_m_s [ny, nx] of methods that measure radial velocities.
@@ -246,13 +260,10 @@ class Depth(Plottable):
         capture: the capture that was imaged; `evaluate` compares the map with its surface.
     """
 
+    OF = "map"
+
     def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
         self.map, self.capture = map, capture
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "map":  # not there yet while it is copied or unpickled
-            raise AttributeError(name)
-        return getattr(self.map, name)
 
     def __repr__(self) -> str:
         seen_mm = 1e3 * self.z_m[self.z_m == self.z_m]
@@ -373,7 +384,7 @@ class Score(Plottable):
         return layers_figure([error_layer(self.errors, self.method)])
 
 
-class RunResult:
+class RunResult(Delegating):
     """A benchmark's result: `.table`, `.tasks`, `.scores`, `.comparisons`, … are pandas DataFrames,
     and it has all other attributes of `Result`.
 
@@ -381,13 +392,10 @@ class RunResult:
         result: the result folder as `Result`.
     """
 
+    OF = "result"
+
     def __init__(self, result: Result) -> None:
         self.result = result
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == "result":  # not there yet while it is copied
-            raise AttributeError(name)
-        return getattr(self.result, name)
 
     def __repr__(self) -> str:
         return repr(self.result).replace("Result", "RunResult", 1)

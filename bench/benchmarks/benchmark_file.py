@@ -15,6 +15,7 @@ from functools import reduce
 from itertools import product
 from math import prod
 from operator import getitem
+from os.path import relpath
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,7 +31,7 @@ from handbench.radar.methods.registry import method, titles
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside, require_folder
+from handbench.support.files import real, require_folder
 from handbench.support.limits import MOST_TABLES
 
 EMBEDDED = Path(__file__).parent
@@ -116,10 +117,10 @@ class DataSet(Config):
         """Return the data set's captures as entries of a benchmark file.
         base: folder of the benchmark file, to which the paths are relative. Raises HandbenchError
         if no capture is found."""
-        root = inside(base, self.path, "dataset.path")
+        root = real(base, self.path, "dataset.path")
         folders = captures(root, self.objects, self.distances)[: self.limit]
         suffix = AT_EMPTY_FILTERED if self.empty_filtered else ""
-        paths = (f"{folder.relative_to(base.resolve()).as_posix()}{suffix}" for folder in folders)
+        paths = (f"{relpath(folder, base.resolve())}{suffix}" for folder in folders)
         return tuple(Source(path=path, measures=self.measures) for path in paths)
 
 
@@ -283,7 +284,7 @@ def find_benchmark(name: str) -> Path:
         return path
     if name in known:
         return known[name]
-    if path.is_dir():
+    if name and path.is_dir():
         return FOLDER
     raise HandbenchError(
         f"benchmark: '{name}' is neither a file, nor a folder of captures, nor a built-in "
@@ -315,7 +316,7 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
     it: `set`, person, phase noise, no photographs where nothing needs them. Returns the scene and
     its file.
     base: folder to which the benchmark's paths are relative."""
-    path = inside(base, source.scene or "", "capture.scene")
+    path = real(base, source.scene or "", "capture.scene")
     scene = load(SceneFile, path, "a scene description")
     if isinstance(source, Source) and source.suffix:
         scene = scene.varied(source.set, source.suffix)
@@ -481,7 +482,7 @@ def checked_entry(entry: MethodEntry, path: Path) -> MethodEntry:
         )
     elif entry.maps is not None:
         require_folder(
-            inside(path.parent, entry.maps, f"{where}: maps"),
+            real(path.parent, entry.maps, f"{where}: maps"),
             "a depth map for each capture, CAPTURE.npz",
         )
     return entry

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from handbench.radar.data.hdf5 import local_item, read
 from handbench.support.errors import HandbenchError
 from handbench.support.files import (
     inside,
@@ -18,7 +19,6 @@ from handbench.support.files import (
     read_text,
     require_file,
 )
-from handbench.support.hdf5 import local_item, read
 from handbench.support.limits import ARRAY_BYTES, MOST_CELLS, TABLE_BYTES
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")

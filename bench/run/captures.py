@@ -11,7 +11,7 @@ from handbench.bench.run.engine import Engine
 from handbench.bench.scenes.scene_file import named_files
 from handbench.bench.stages.simulate import CAPTURE, simulate
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, inside
+from handbench.support.files import content_hash, real
 from handbench.support.store import Input, Stage
 
 
@@ -98,7 +98,7 @@ def _open(bench: BenchFile, base: Path, origin: Origin, measures: tuple[Measure,
     base: folder to which the benchmark's paths are relative."""
     frames, accurate = bench.frames_of(origin), "accuracy" in measures
     if origin.path is not None:
-        folder = inside(base, origin.path, "capture.path")
+        folder = real(base, origin.path, "capture.path")
         data = open_capture(folder)
         capture = RunCapture(folder, data.key(frames), data.about, measures, frames)
         return Opened(capture, measures, accurate and needs_mesh(data, bool(bench.calibration)))

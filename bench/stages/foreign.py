@@ -29,7 +29,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, inside, read_npz, write_json
+from handbench.support.files import content_hash, inside, read_npz, real, write_json
 from handbench.support.store import Input, Stage, stage
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def foreign_stage(
             "config": {"command": entry.command},
         }
         return Stage(run, arguments, about.name, entry.label)
-    folder = inside(base, entry.maps or "", "method.maps")
+    folder = real(base, entry.maps or "", "method.maps")
     file = inside(folder, f"{about.name}.npz", "method.maps")
     if not file.is_file():
         there = suggest(about.name, [path.stem for path in folder.glob("*.npz")]) or "none"

@@ -30,7 +30,7 @@ from handbench.radar.methods.evidence import needed_tones
 from handbench.radar.methods.registry import method
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside
+from handbench.support.files import real
 from handbench.support.progress import track
 
 
@@ -80,9 +80,9 @@ def _inspect_target(base: Path, origin: Origin, report: Report) -> None:
     """Read a capture or scene for a benchmark's calibration, and report its problems. base: folder
     of the benchmark file."""
     if origin.scene is not None:
-        inspect_scene(inside(base, origin.scene, "calibration.scene"), report)
+        inspect_scene(real(base, origin.scene, "calibration.scene"), report)
         return
-    folder = inside(base, origin.path or "", "calibration.path")
+    folder = real(base, origin.path or "", "calibration.path")
     inspect_capture(folder, report, 1)
     missing = [name for name in (TARGET, PHOTOS) if not (folder / name).exists()]
     if missing:
@@ -100,7 +100,7 @@ def _inspect_source(
     its persons, lead to None."""
     recorded: NativeCapture | None = None
     if source.path is not None:
-        folder = inside(path.parent, source.path, "capture.path")
+        folder = real(path.parent, source.path, "capture.path")
         opened = inspect_capture(folder, report, bench.frames_of(source))
         if opened is None:
             return {}
@@ -109,7 +109,7 @@ def _inspect_source(
         if "accuracy" in source.measures:
             report.read(path, partial(require_reference, recorded, bool(bench.calibration)))
     else:
-        file = inside(path.parent, source.scene or "", "capture.scene")
+        file = real(path.parent, source.scene or "", "capture.scene")
         if inspect_scene(file, report) is None:
             return {}
         scenes = [scene_of(bench, path.parent, one)[0] for one in source.each()]

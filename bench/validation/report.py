@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from handbench.bench.validation.checks import warnings_of
-from handbench.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError, printable
 
 Read = TypeVar("Read")
 
@@ -29,7 +29,7 @@ class Report:
     def refuse(self, place: Path | str, *problems: str) -> None:
         """Add problems of a file or folder, with which a run would fail."""
         for text in problems:
-            named = text.startswith((f"{place}: ", f"{place}/"))
+            named = text.startswith((f"{printable(str(place))}: ", f"{place}/"))
             self.lines[text if named else f"{place}: {text}"] = False
 
     def warn(self, place: Path, warnings: Iterable[str]) -> None:

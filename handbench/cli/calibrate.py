@@ -1,6 +1,7 @@
 """`handbench calibrate`: compute the transform from the photographs' frame to the radar's frame."""
 
 import argparse
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_json
+from handbench.support.files import atomic_path, write_json
 from handbench.support.progress import say
 
 
@@ -33,8 +34,9 @@ def run(options: argparse.Namespace) -> None:
         raise HandbenchError("-o: is missing; name the file for the transform: -o TRANSFORM.json")
     for file in filter(None, (options.out, options.array)):
         free(file, options.overwrite)
-    transform = _from_surface(options) if options.refine else _from_targets(options)
-    transform.save(options.out)
+    with ExitStack() as both:  # files appear at its end, or neither
+        transform = _from_surface(options) if options.refine else _from_targets(options, both)
+        transform.save(both.enter_context(atomic_path(options.out)))
 
 
 def _from_echoes(options: argparse.Namespace) -> None:
@@ -55,7 +57,7 @@ def _from_echoes(options: argparse.Namespace) -> None:
     say(f"{file}: {corrections}; all commands apply it to the echoes, which stay as recorded")
 
 
-def _from_targets(options: argparse.Namespace) -> Transform:
+def _from_targets(options: argparse.Namespace, files: ExitStack) -> Transform:
     if not options.capture:
         raise HandbenchError(
             "TARGET_CAPTURE: is missing; name a capture of the calibration target, or give "
@@ -69,7 +71,7 @@ def _from_targets(options: argparse.Namespace) -> Transform:
     array = None
     if options.array is not None:
         array = calibrate_array(options.capture)
-        write_json(options.array, array.model_dump())
+        write_json(files.enter_context(atomic_path(options.array)), array.model_dump())
         say(f"{options.array}: {array.summary()}")
     transform = calibrate_captures(options.capture, options.quality, options.seed, array=array)
     residuals = ", ".join(f"{1e3 * r:.2f}" for r in transform.residuals_m)

@@ -2,11 +2,11 @@
 program."""
 
 import argparse
-import json
 
 from handbench.cli.options import free
 from handbench.interface import MESHES
 from handbench.support.errors import HandbenchError
+from handbench.support.progress import print_lines
 
 MILLIMETRE_M = 1e-3
 
@@ -14,7 +14,7 @@ MILLIMETRE_M = 1e-3
 def run(options: argparse.Namespace) -> None:
     """Reconstruct a mesh in metres from photographs, or convert a mesh file in the unit --unit to
     metres, and write it (-o).
-    Prints a summary as JSON."""
+    Prints a sentence about the mesh; --workdir has all figures."""
     free(options.out, options.overwrite)
     if options.photos.suffix.lower() in MESHES and not options.photos.is_dir():
         _take_over(options)
@@ -31,8 +31,9 @@ def run(options: argparse.Namespace) -> None:
     from handbench.support.config import parse
     from handbench.support.progress import say
 
-    for kept in ("sparse", "dense.ply", "summary.json") if options.workdir else ():
-        free(options.workdir / kept, options.overwrite)
+    if options.workdir and not (options.workdir / "summary.json").exists():
+        for name in ("sparse", "dense.ply"):  # which no earlier call has written
+            free(options.workdir / name, options.overwrite)
     values = {name: value for name, value in vars(options).items() if name in Options.model_fields}
     chosen, photos = parse(Options, values, "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
@@ -40,7 +41,12 @@ def run(options: argparse.Namespace) -> None:
         say(f"{described}: {warning}")
     result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
-    print(json.dumps(result.summary, indent=2))
+    facts, source = result.summary, result.summary["scale"]["source"]
+    scale = "no scale" if source == "none" else f"σ {1e3 * facts['sigma_m']:.2g} mm by {source}"
+    print_lines(
+        f"{options.out}: {facts['triangles']} triangles of {facts['registered']} photographs, "
+        f"{100 * facts['observed']:.0f} % of the vertices observed; {scale}"
+    )
 
 
 def _take_over(options: argparse.Namespace) -> None:
@@ -53,4 +59,4 @@ def _take_over(options: argparse.Namespace) -> None:
         )
     mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
     write_mesh(options.out, mesh)
-    print(json.dumps({"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}, indent=2))
+    print_lines(f"{options.out}: {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles")

@@ -51,10 +51,18 @@ def method_ids(**_: object) -> list[str]:
     return list(METHODS)
 
 
+def path(text: str) -> Path:
+    """Convert an option's text to a path. Raises argparse's error for an empty text, which would be
+    the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("the path is empty")
+    return Path(text)
+
+
 TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
     "float": float,
-    "path": Path,
+    "path": path,
     "positive": positive,
     "names": names,
     "numbers": numbers,

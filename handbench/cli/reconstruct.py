@@ -1,6 +1,7 @@
 """`handbench reconstruct`: image one capture by one method."""
 
 import argparse
+from contextlib import ExitStack
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_npz
+from handbench.support.files import atomic_path, write_npz
 from handbench.support.progress import say
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
@@ -21,7 +22,7 @@ EXACT = 1e-5  # what the exact sum is good to, in single precision
 
 def run(options: argparse.Namespace) -> None:
     """Image one frame of a capture by one method; write the depth map (-o) and, with --volume, the
-    image volume.
+    image volume, both or neither.
     Prints warnings and the number of pixels with a depth."""
     for file in filter(None, (options.out, options.volume)):
         free(file, options.overwrite)
@@ -44,16 +45,18 @@ def run(options: argparse.Namespace) -> None:
     from handbench.radar.imaging.device import describe
 
     depth = task.with_uncertainty(task.image(options.frame), options.frame)
-    depth.save(options.out)
     for warning in warnings_of(depth, MAP):
         say(f"{options.out}: {warning}")
-    if isinstance(settings, Backprojection) and volume_asked:
-        voxels = volume(echoes, settings, options.frame)
-        if options.volume is not None:
-            axes = {f"{name}_m": getattr(settings, name).values_m() for name in "xyz"}
-            write_npz(options.volume, volume=voxels, **axes)
-        if options.check:
-            _check(voxels, echoes, settings, options)
+    with ExitStack() as both:  # files appear at its end, or neither
+        depth.save(both.enter_context(atomic_path(options.out)))
+        if isinstance(settings, Backprojection) and volume_asked:
+            voxels = volume(echoes, settings, options.frame)
+            if options.volume is not None:
+                axes = {f"{name}_m": getattr(settings, name).values_m() for name in "xyz"}
+                file = both.enter_context(atomic_path(options.volume))
+                write_npz(file, volume=voxels, **axes)
+            if options.check:
+                _check(voxels, echoes, settings, options)
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}")
 
 

@@ -20,7 +20,7 @@ from handbench.groundtruth.board.board import Board
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_period_m
+from handbench.radar.data.capture import range_profile
 from handbench.reports.drawings.board_drawing import board_sheet
 from handbench.reports.drawings.sheets import STYLE
 from handbench.reports.drawings.target_drawing import target_sheet
@@ -34,11 +34,8 @@ from handbench.support.files import write_text
 from handbench.support.progress import print_lines
 
 VIEWED_PX = 320  # of a mesh, along each side
-RANGES = 2000  # of a range profile
-FARTHEST_M = 1.5  # of a range profile
 BUILT_IN = {"target": default_target, "stand": stand_board}
 FEWEST_TONES = 8  # of fewer a range profile repeats too soon
-MOST_CHANNELS = 256  # whose range profiles are averaged
 
 
 def run(options: argparse.Namespace) -> None:
@@ -121,14 +118,7 @@ def _recording(path: Path) -> Figure:
     magnitudes = np.percentile(np.abs(samples), SHARES, axis=1) / np.abs(samples).max()
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}
-    profile = None
-    if len(np.unique(f_hz)) >= FEWEST_TONES:
-        range_m = np.linspace(0, min(range_period_m(echoes.vacuum_hz), FARTHEST_M), RANGES)
-        phase = 4j * np.pi / SPEED_OF_LIGHT_M_S * np.outer(range_m, echoes.vacuum_hz)
-        some = samples[:, :: 1 + samples.shape[1] // MOST_CHANNELS]
-        window = np.hanning(len(f_hz) + 2)[1:-1]
-        power = np.mean(np.abs(np.exp(phase) * window @ some) ** 2, axis=1)
-        profile = range_m, 10 * np.log10(power / power.max())
+    profile = range_profile(echoes) if len(np.unique(f_hz)) >= FEWEST_TONES else None
     return echoes_figure(
         f"{path.name}: {len(f_hz)} tones, {samples.shape[1]} channels",
         f_hz,

@@ -210,22 +210,28 @@ def require_folder(path: str | Path, what: str) -> Path:
 
 
 def inside(folder: Path, name: str, where: str) -> Path:
-    """Return the real path of `folder / name`, which must be inside the folder.
+    """Return the real path of `folder / name` like `real`. Raises HandbenchError also for a name
+    that leads out of the folder, because names in captures and reports are untrusted."""
+    target = real(folder, name, where)
+    if not target.is_relative_to(folder.resolve()):
+        raise HandbenchError(
+            f"{where}: '{name}' is outside the folder {folder}; use a path inside this folder"
+        )
+    return target
+
+
+def real(folder: Path, name: str, where: str) -> Path:
+    """Return the real path of `folder / name`, wherever it leads; for names in the user's own
+    files.
     where: file or key that has the name, with which the message begins. A file is also found if its
-    name differs only in its Unicode form. Raises HandbenchError for a name that is too long or
-    leads out of the folder, because names in TOML files and reports are untrusted."""
+    name differs only in its Unicode form. Raises HandbenchError for a name that is too long."""
     if limits.UNFIT.search(name.encode("utf-8", "replace")):
         raise HandbenchError(
             f"{where}: '{name[:80]}…' cannot be the name of a file; use a shorter name"
         )
     forms = (name, *(unicodedata.normalize(form, name) for form in ("NFC", "NFD")))
     stored = next((form for form in forms if os.path.lexists(folder / form)), name)
-    target = Path(os.path.realpath(folder / stored))  # which links in a circle do not stop
-    if not target.is_relative_to(folder.resolve()):
-        raise HandbenchError(
-            f"{where}: '{name}' is outside the folder {folder}; use a path inside this folder"
-        )
-    return target
+    return Path(os.path.realpath(folder / stored))  # which links in a circle do not stop
 
 
 def write_text(path: str | Path, text: str) -> None:

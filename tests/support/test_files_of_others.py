@@ -18,9 +18,9 @@ from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.groundtruth.photos.photos import find_photos
 from handbench.radar.data.arrays import load_positions
+from handbench.radar.data.hdf5 import attribute
 from handbench.support.config import checked_name, read_toml
 from handbench.support.files import inside, read_json, write_text
-from handbench.support.hdf5 import attribute
 from tests.refusals import refuse, refuse_command
 
 CSV = "x_m,y_m,z_m\n0.5,0,0\n-0.5,0,0.25\n"
