@@ -3,11 +3,18 @@ machine, or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import (
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
@@ -20,6 +27,7 @@ import psutil
 from handbench.support.cost import Cost, machine
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
+from handbench.support.progress import say
 from handbench.support.store import Stage, cached, code_key
 
 if TYPE_CHECKING:  # an extra
@@ -156,6 +164,28 @@ def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | No
         processes.shutdown(cancel_futures=True)
 
 
+def _workers(scheduler: str) -> dict[str, Any]:
+    """Ask a Dask scheduler for its workers: address → facts. Raises HandbenchError if no scheduler
+    answers."""
+    from distributed.core import rpc
+
+    async def identity() -> dict[str, Any]:
+        async with rpc(scheduler) as remote:
+            return await remote.identity()
+
+    try:
+        # a client would wait for ever at other servers' ports; a notebook has a loop of its own
+        with ThreadPoolExecutor(1) as thread:
+            answer = thread.submit(asyncio.run, asyncio.wait_for(identity(), CONNECT_S)).result()
+        return answer["workers"]
+    except Exception as error:  # whatever another server answers
+        raise HandbenchError(
+            f"--scheduler: no Dask scheduler answers at '{scheduler}' "
+            f"({str(error) or 'it is silent'}); give tcp://host:port of a running `dask "
+            "scheduler`: its own port, not the dashboard's"
+        ) from error
+
+
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[DaskExecutor]:
     """Provide the executor of a Dask cluster as a context manager. scheduler: its address."""
@@ -168,15 +198,10 @@ def _cluster(scheduler: str) -> Iterator[DaskExecutor]:
         ) from error
     for name in LOGS:  # an error of the cluster is reported once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
+    if not _workers(scheduler):
+        say(f"{scheduler} has no workers, for which the run waits: dask worker {scheduler}")
     try:
-        client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise HandbenchError(
-            f"--scheduler: no Dask scheduler answers at '{scheduler}' ({error}); give "
-            "tcp://host:port of a running `dask scheduler`"
-        ) from error
-    try:
-        with client:
+        with Client(scheduler, set_as_default=False) as client:
             yield DaskExecutor(client)
     except (CancelledError, OSError) as error:
         # a file's; those of connections have none

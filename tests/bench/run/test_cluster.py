@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import socket
 import sys
 from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
@@ -87,10 +88,21 @@ def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
     refuse(lambda: elsewhere(tmp_path, stage), "mesh-a-m0")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense://x"])
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "tcp://127.0.0.1:1", "nonsense://x"])
 def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
+    """Another server, which takes the connection and never answers; no server; no address."""
     monkeypatch.setattr(executors, "CONNECT_S", 0.1)
-    refuse(executors.executor(1, address).__enter__, "--scheduler", address)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = address.format(silent.getsockname()[1])
+        refuse(executors.executor(1, address).__enter__, "--scheduler", f"'{address}'")
+
+
+def test_a_scheduler_without_workers_is_named(capsys):
+    none = {"processes": False, "n_workers": 0, "dashboard_address": ":0"}
+    with distributed.LocalCluster(**none) as cluster:
+        address = cluster.scheduler_address
+        with executors.executor(1, address):
+            assert f"dask worker {address}" in capsys.readouterr().err
 
 
 def test_a_cluster_needs_its_extra(monkeypatch):
@@ -99,6 +111,7 @@ def test_a_cluster_needs_its_extra(monkeypatch):
 
 
 def test_a_scheduler_that_is_lost_is_named_and_a_file_s_error_stays(monkeypatch):
+    monkeypatch.setattr(executors, "_workers", lambda _: {"tcp://127.0.0.1:2": {}})
     monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
 
     def lose(error: BaseException) -> None:
