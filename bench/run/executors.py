@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from functools import partial
 from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import psutil
@@ -44,12 +45,13 @@ _ALONE = threading.Lock()
 
 class ProcessExecutor(ProcessPoolExecutor):
     """Executor that carries out stages in several processes of this machine, each with its own
-    share of the cores. The processes start with the first stage. count: number of processes."""
+    share of the cores. The processes start with the first stage. count: number of processes;
+    scratch: folder of their temporary files."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, scratch: str) -> None:
         context, cores = get_context("spawn"), sorted(os.sched_getaffinity(0))[: workers()]
         shares = [cores[n::count] for n in range(count)]
-        begin = (shares, context.Value("i", 0), os.getpid())
+        begin = (shares, context.Value("i", 0), os.getpid(), scratch)
         super().__init__(count, context, begin_process, begin)
         self._machine = machine()  # measured while nothing else runs
 
@@ -150,18 +152,20 @@ def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | No
     if count < 2:
         yield None
         return
-    processes, others = ProcessExecutor(count), set(active_children())
-    try:
-        yield processes
-    except BrokenProcessPool:
-        raise HandbenchError(
-            "the operating system ended a process of this run, probably for lack of memory; free "
-            "memory or set HANDBENCH_WORKERS=1, then run the same command, which resumes the run"
-        ) from None
-    finally:  # no stage writes files after this
-        for process in set(active_children()) - others:
-            process.kill()
-        processes.shutdown(cancel_futures=True)
+    with TemporaryDirectory(prefix="handbench-", ignore_cleanup_errors=True) as scratch:
+        processes, others = ProcessExecutor(count, scratch), set(active_children())
+        try:
+            yield processes
+        except BrokenProcessPool:
+            raise HandbenchError(
+                "the operating system ended a process of this run, probably for lack of memory; "
+                "free memory or set HANDBENCH_WORKERS=1, then run the same command, which resumes "
+                "the run"
+            ) from None
+        finally:  # no stage writes files after this
+            for process in set(active_children()) - others:
+                process.kill()
+            processes.shutdown(cancel_futures=True)
 
 
 def _workers(scheduler: str) -> dict[str, Any]:

@@ -110,4 +110,8 @@ def locked(folder: Path) -> Iterator[Path]:
                 _remove(path)
             else:
                 require_owned(path)
-        yield work
+        try:
+            yield work
+        finally:
+            for path in work.glob(".*-*"):  # of processes that were killed with the run
+                shutil.rmtree(path, ignore_errors=True)

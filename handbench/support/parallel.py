@@ -9,6 +9,7 @@ import ctypes
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager
@@ -94,11 +95,12 @@ def script_left_out() -> Iterator[None]:
             vars(script).update(hidden)
 
 
-def begin_process(shares: list[list[int]], begun: Any, parent: int) -> None:
+def begin_process(shares: list[list[int]], begun: Any, parent: int, scratch: str) -> None:
     """Set up this process as a helper of the process with the id `parent`.
     It uses only its share of the cores, leaves Ctrl-C to its parent, and is killed when its parent
     ends; otherwise it could write into the folders of the next run. shares: the cores of each
-    helper; begun: shared counter of the helpers that have begun."""
+    helper; begun: shared counter of the helpers that have begun; scratch: folder of its temporary
+    files, which it has no time to remove."""
     with begun.get_lock():
         cores = shares[begun.value]
         begun.value += 1
@@ -108,6 +110,7 @@ def begin_process(shares: list[list[int]], begun: Any, parent: int) -> None:
         os._exit(1)
     os.sched_setaffinity(0, cores)
     os.environ["HANDBENCH_WORKERS"] = str(len(cores))
+    tempfile.tempdir = scratch
 
 
 _hiding = RLock()

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import gettempdir
 
 import psutil
 import pytest
@@ -17,6 +18,7 @@ import pytest
 from handbench.bench.run import executors
 from handbench.bench.run.executors import DaskExecutor, ProcessExecutor
 from handbench.support.files import read_json
+from handbench.support.folder import locked
 from handbench.support.parallel import workers
 from tests.bench.run.stages_of_tests import SPAN, engine_of, stages_of
 from tests.refusals import refuse
@@ -26,7 +28,7 @@ COUNT = min(len(os.sched_getaffinity(0)), 2)  # of processes
 
 @pytest.fixture(scope="module")
 def beside() -> Iterator[ProcessExecutor]:
-    with ProcessExecutor(COUNT) as processes:
+    with ProcessExecutor(COUNT, gettempdir()) as processes:
         yield processes
 
 
@@ -96,19 +98,19 @@ def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path):
 def _endless(root: Path) -> None:
     # ignored where a shell started the tests in background
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with executors.executor(COUNT) as processes:
-        engine_of(root, processes).perform(stages_of("endless", "endless"))
+    with locked(root) as work, executors.executor(COUNT) as processes:
+        engine_of(work, processes).perform(stages_of("endless", "endless"))
 
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
 def test_no_process_outlives_a_killed_run(tmp_path, sign):
     """The next run's folders would be filled by what the last one left."""
-    parent = get_context("spawn").Process(target=_endless, args=(tmp_path / "work",))
+    parent = get_context("spawn").Process(target=_endless, args=(tmp_path,))
     parent.start()
-    guard_s, pids = time.monotonic() + 600, list[int]()
+    guard_s, pids = time.monotonic() + 60, list[int]()
     while len(pids) < COUNT:  # a process for each core
         assert time.monotonic() < guard_s
-        pids = [int(file.read_text()) for file in tmp_path.glob("work/*/pid.json")]
+        pids = [int(file.read_text()) for file in tmp_path.rglob("pid.json")]
         time.sleep(0.05)
     processes = [psutil.Process(pid) for pid in pids]
     os.kill(parent.pid, sign)
@@ -116,3 +118,4 @@ def test_no_process_outlives_a_killed_run(tmp_path, sign):
     while any(one.is_running() and one.status() != psutil.STATUS_ZOMBIE for one in processes):
         assert time.monotonic() < guard_s
         time.sleep(0.05)
+    assert sign == signal.SIGKILL or not list(tmp_path.glob("work/.*-*")), "half-written"
