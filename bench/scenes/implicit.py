@@ -138,8 +138,8 @@ def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the surface on which a signed distance is zero, as vertices [n, 3] and outward
-    triangles [m, 3] with edges of about edge_m. Of several surfaces, the one with the most
-    triangles counts.
+    triangles [m, 3] with edges of about edge_m. Of several surfaces, the one with more than half
+    of the triangles counts.
 
     lower_m, upper_m [3]: corners of a box around the surface. After marching cubes, every vertex is
     moved to the mean of its neighbours a few times, which makes the triangles even, and back onto
@@ -153,15 +153,12 @@ def zero_set(
     step_m = STEP * edge_m
     values = lattice(field, lower_m, upper_m, step_m)
     corners, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+    corners, faces = largest(corners.astype(np.float64), faces)
     # each edge of a closed mesh is met once in either direction
     ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
     joined = sparse.coo_array((np.ones(len(ends[0])), ends), (len(corners),) * 2).tocsr()
-    piece = sparse.csgraph.connected_components(joined, directed=False)[1]
-    kept = piece == np.bincount(piece).argmax()
-    faces = (np.cumsum(kept) - 1)[faces[kept[faces[:, 0]]]]
-    joined = joined[kept][:, kept]
     mean = sparse.diags_array(1 / joined.sum(axis=1)) @ joined
-    vertices_m = lower_m + step_m * corners[kept].astype(np.float64)
+    vertices_m = lower_m + step_m * corners
     for _ in range(SMOOTHINGS):
         vertices_m = mean @ vertices_m
     vertices_m = project(field, vertices_m)
@@ -171,6 +168,18 @@ def zero_set(
             break
         vertices_m[crooked] = project(field, mean[crooked] @ vertices_m)
     return vertices_m, faces
+
+
+def largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices [n, 3] and triangles [m, 3] of the piece of a mesh with more than half
+    of the triangles."""
+    import pymeshlab
+
+    pieces = pymeshlab.MeshSet(verbose=False)
+    pieces.add_mesh(pymeshlab.Mesh(vertices, faces))
+    pieces.meshing_remove_connected_component_by_face_number(mincomponentsize=len(faces) // 2)
+    piece = pieces.current_mesh()
+    return piece.vertex_matrix(), piece.face_matrix()
 
 
 def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:
