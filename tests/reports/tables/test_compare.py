@@ -15,6 +15,7 @@ from handbench.bench.results.compare_results import compare_results
 from handbench.bench.results.result_folder import load
 from handbench.cli.main import main
 from handbench.reports.tables import comparison
+from tests.bench.run.faults import files_of_at_most
 from tests.golden_files import RESULT
 from tests.refusals import refuse_command
 
@@ -72,4 +73,11 @@ def test_the_command_writes_what_it_prints_and_overwrites_when_asked(slower, tmp
     with (out / "compare.csv").open(encoding="utf-8") as stream:
         assert len(printed["differences"]) == len(list(csv.DictReader(stream)))
     refuse_command([*command, "-o", str(out)], str(out), "--overwrite")
+    with files_of_at_most(30_000):  # compare.csv is smaller, compare.json larger
+        refuse_command([*command, "-o", str(tmp_path / "full")], "full/compare.json")
+    assert list(tmp_path.iterdir()) == [out]
+    capsys.readouterr()
+    assert main([*command, "--metric", "seconds", "--method", "3fsk"]) == 0
+    assert "3-FSK" in (table := capsys.readouterr().out) and "2-FSK" not in table
+    refuse_command([*command, "--method", "3fks"], "'3fks'", "'3fsk'")
     assert main([*command, "-o", str(out), "--overwrite"]) == 0
