@@ -10,7 +10,6 @@ import numpy as np
 
 from handbench.bench.datasets.mapping import (
     ORDER,
-    PLACES,
     RE_IM,
     UNITS,
     Column,
@@ -94,11 +93,11 @@ def _mapped(read: Read, mapping: Mapping) -> RadarCapture:
         pairs = _table(read, mapping.pairs, 2) - mapping.pairs.first
         counts["pair"] = len(pairs)
     samples = _complex(read, mapping.samples, counts)
-    if mapping.background is not None:
+    if isinstance(mapping.background, ComplexMapping):
         samples = samples - _complex(read, mapping.background, counts)
-    if mapping.samples.subtract_mean:
-        places = tuple(ORDER.index(axis) for axis in PLACES)
-        samples = samples - samples.mean(axis=places, keepdims=True)
+    elif mapping.background is not None:
+        channels = tuple(range(ORDER.index("frequency") + 1, len(ORDER)))
+        samples = samples - np.nanmean(samples, axis=channels, keepdims=True)
     if mapping.samples.sign == "+":
         samples = samples.conj()
     channels = [len(table_m) for table_m in places_m.values()] if pairs is None else [len(pairs)]

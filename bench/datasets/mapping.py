@@ -4,7 +4,7 @@ they are laid out."""
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from handbench.bench.datasets.native import CaptureFile
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
@@ -65,12 +65,23 @@ class ComplexMapping(Numbers):
 class SamplesMapping(ComplexMapping):
     """Where the echoes are, and how they are laid out.
 
-    sign: the sign of j2πf·path/v in the exponent of an echo, and of its background. subtract_mean:
-    subtract the mean over all places of what is moved.
+    sign: the sign of j2πf·path/v in the exponent of an echo, and of its background.
     """
 
     sign: Literal["-", "+"]
-    subtract_mean: bool = False
+
+
+class MeanBackground(Config):
+    """The mean over all positions, or all antennas, as background: what all channels have in
+    common."""
+
+    mean: Literal["positions"]
+
+
+AnyBackground = Annotated[
+    Annotated[MeanBackground, Tag("mean")] | Annotated[ComplexMapping, Tag("")],
+    Discriminator(lambda given: "mean" * (isinstance(given, dict) and "mean" in given)),
+]
 
 
 class FrequenciesMapping(Numbers):
@@ -148,7 +159,7 @@ class Mapping(Config):
     rx: PositionsMapping | None = None
     position: PositionsMapping | None = None
     pairs: PairsMapping | None = None
-    background: ComplexMapping | None = None
+    background: AnyBackground | None = None
 
     @model_validator(mode="after")
     def _tables_of_the_axes(self) -> "Mapping":
@@ -159,6 +170,9 @@ class Mapping(Config):
                 'the tables do not fit samples.axes; expected [position] for "position", "x" and '
                 '"y", or [tx] and [rx], and [pairs] for "pair"'
             )
-        if self.background and not {*self.background.axes} <= {*axes, RE_IM}:
+        if isinstance(self.background, ComplexMapping) and not {*self.background.axes} <= {
+            *axes,
+            RE_IM,
+        }:
             raise ValueError("background.axes has an axis that samples.axes lacks; remove it")
         return self

@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M, CaptureFile
-from handbench.radar.data.arrays import channel_ends
-from handbench.radar.data.capture import scaled_to_one
 from handbench.radar.data.depthmap import FLAGGED
 
 if TYPE_CHECKING:
@@ -35,11 +33,6 @@ OPEN_PERCENT = 10  # of a surface's edges at its rim
 # of an image that nothing near a hand fills, if it is that wide and high
 CROWDED_PERCENT = 50
 WIDE_M = 0.1
-UNSIGNED = 0.01  # of the largest part of a sample: signed ones come as near to 0 only by chance
-FEW = 64  # samples that may have one sign, or channels that may be equal, by chance
-SILENT = 0.01  # share of a frame's samples that may be 0 by chance
-COMMON = 0.9  # share of the power that no target within NEAR_M causes alike in all channels
-NEAR_M = 1.0
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
 CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
@@ -86,66 +79,32 @@ def facing(capture: RadarCapture) -> Iterator[str]:
         )
 
 
-def frames(capture: RadarCapture) -> Iterator[str]:
-    """Check for frames without echoes, and for frames that repeat an earlier one."""
-    from handbench.radar.methods.evidence import frame_problems
-
-    return frame_problems(capture.samples)
-
-
 def missing_frames(capture: RadarCapture, asked: int | None) -> Iterator[str]:
     """Yield a sentence if fewer frames were recorded than are asked for."""
     if asked and (count := len(capture.samples)) < asked:
         yield f"has {count} of {asked} frames; check that the recording is complete"
 
 
-def parts(capture: RadarCapture) -> Iterator[str]:
-    """Check that no part of the samples and no sign was lost on the way to the file, and that no
-    channel ends early."""
-    samples = capture.samples.reshape(*capture.samples.shape[:2], -1)
-    for name, part in (("real", samples.real), ("imaginary", samples.imag)):
-        if samples.any() and not part.any():
-            yield f"its samples have no {name} part; both parts are needed, I and Q: export both"
-        elif samples.size > FEW and 0 <= part.min() < UNSIGNED * part.max():
-            yield (
-                f"the {name} part of no sample is negative; if the sign was lost, read the numbers "
-                "as signed ones, and take no magnitudes"
-            )
-    for frame, each in enumerate(samples):
-        silent = each[each.any(axis=1)][:, each.any(axis=0)] == 0
-        if silent.size and silent.mean() > SILENT:
-            yield (
-                f"frame {frame}: {100 * silent.mean():.0f} % of the samples of channels with "
-                "echoes are 0; the recording may have been cut short"
-            )
-            return
+def samples(capture: RadarCapture) -> Iterator[str]:
+    """Check that nothing was lost on the way to the file, or hides the echoes."""
+    from handbench.radar.methods.evidence import leakage_problems, lost_problems
 
-
-def leakage(capture: RadarCapture) -> Iterator[str]:
-    """Check that echoes are not hidden below what all channels have in common, before antennas so
-    far apart that no target within a metre has it."""
-    ends_m = np.array(channel_ends(capture.aperture))
-    far_m = ends_m.mean(axis=(0, 1)) + [0, 0, NEAR_M]
-    bend_m = np.ptp(np.linalg.norm(ends_m - far_m, axis=2).sum(axis=0))
-    samples = scaled_to_one(capture.samples[0]).reshape(len(capture.frequencies_hz), -1)
-    power = (np.abs(samples) ** 2).mean()
-    common = (np.abs(samples.mean(axis=1)) ** 2).mean() / power if power else 0.0
-    if (
-        samples.shape[1] > FEW
-        and common > COMMON
-        and bend_m > capture.wave_speed_m_s / capture.frequencies_hz.max() / 2
-    ):
-        yield (
-            f"{100 * common:.1f} % of the power is the same in all channels, as what leaks from "
-            "transmitter to receiver is; subtract the mean over the channels ([background] mean = "
-            '"positions" in a mapping.toml)'
-        )
+    yield from lost_problems(capture)
+    yield from leakage_problems(capture)
 
 
 def channels(capture: RadarCapture) -> Iterator[str]:
-    """Check for dead and copied tones, and for dead antennas, in the first frame that has any."""
-    from handbench.radar.methods.evidence import antenna_problems, tone_problems
+    """Check for frames without noise of their own, for tones that stand out, for dead and copied
+    tones, and for dead antennas, in the first frame that has any."""
+    from handbench.radar.methods.evidence import (
+        antenna_problems,
+        frame_problems,
+        level_problems,
+        tone_problems,
+    )
 
+    yield from frame_problems(capture.samples)
+    yield from level_problems(capture)
     for frame, samples in enumerate(capture.samples):
         tones = tone_problems(samples, capture.frequencies_hz) if samples.any() else ()
         if dead := [*tones, *antenna_problems(capture, frame)]:
@@ -163,8 +122,8 @@ def pairs(capture: RadarCapture) -> Iterator[str]:
         )
 
 
-ARRAY = (units_of_array, facing, parts, leakage)
-CHANNELS = (*ARRAY, frames, channels, pairs)
+ARRAY = (units_of_array, facing, samples)
+CHANNELS = (*ARRAY, channels, pairs)
 
 
 def lengths(about: CaptureFile) -> Iterator[str]:

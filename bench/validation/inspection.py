@@ -12,6 +12,7 @@ from handbench.bench.datasets.dataset import captures, has_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TRANSFORM, NativeCapture
 from handbench.bench.datasets.ti import is_ti_raw, raw_warnings, read_raw
+from handbench.bench.pipeline.image import configured
 from handbench.bench.validation.benchmarks import inspect_benchmark, inspect_scene
 from handbench.bench.validation.captures import inspect_capture, inspect_photos
 from handbench.bench.validation.checks import CHANNELS, MAP, MESH, result_warnings
@@ -23,6 +24,7 @@ from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
+from handbench.radar.methods.ability import abilities, methods_of_tones
 from handbench.radar.methods.evidence import frame_problems
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
@@ -40,6 +42,8 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[s
     "element": (load_target, ()),
     **dict.fromkeys(("marker", "charuco"), (load_board, ())),
 }
+PAPER = ("2fsk", "3fsk", "narrowband", "broadband")
+HAND_M = 0.3  # depth for which a resolution is given, if the description has none
 JSON = "cameras, an array's calibration or a transform"
 
 
@@ -49,7 +53,8 @@ def show(inputs: Sequence[str]) -> None:
     counts = Counter({"input": len(inputs)})
     for name in inputs:
         report = inspect(name)
-        for line in report.lines or [f"{name}: no problem found"]:
+        notes = [f"{name}: {note}" for note in report.notes if all(report.lines.values())]
+        for line in [*(report.lines or [f"{name}: no problem found"]), *notes]:
             if is_terminal(sys.stdout):
                 print_wrapped(line, "    ")
             else:
@@ -126,7 +131,11 @@ def _inspect_captures(folders: Sequence[Path], report: Report) -> list[NativeCap
     recorded: dict[str, NativeCapture] = {}
     for folder in track(folders, "captures"):
         if opened := inspect_capture(folder, report):
-            capture, _ = opened
+            capture, echoes = opened
+            if len(folders) == 1:
+                of_methods = {id: configured(capture.about, id, {}) for id in PAPER}
+                report.notes += abilities(echoes, capture.about.distance_m or HAND_M)
+                report.notes += methods_of_tones(echoes, of_methods)
             if capture.truth is None and capture.mesh() and not capture.transform():
                 report.warn(folder, [f"has a mesh, but no {TRANSFORM} to compare depths with it"])
             other = recorded.setdefault(capture.about.name, capture)

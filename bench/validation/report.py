@@ -12,10 +12,11 @@ Read = TypeVar("Read")
 
 class Report:
     """The problems and warnings of an input. lines: text → whether it is only a warning, in the
-    order in which they were found."""
+    order in which they were found. notes: what the input can show, which is no mistake."""
 
     def __init__(self) -> None:
         self.lines: dict[str, bool] = {}
+        self.notes: list[str] = []
 
     def read(self, place: Path | str, reader: Callable[[], Read]) -> Read | None:
         """Call `reader` and return its result. If it raises a HandbenchError, add all problems in

@@ -115,6 +115,7 @@ def _recording(path: Path) -> Figure:
     echoes = open_capture(path).echoes(1)
     f_hz, legs = echoes.frequencies_hz, echoes.aperture.legs
     samples = echoes.samples[0].reshape(len(f_hz), -1)
+    samples = samples[:, samples.any(axis=0)]  # of the pairs that were measured
     magnitudes = np.percentile(np.abs(samples), SHARES, axis=1) / np.abs(samples).max()
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}

@@ -11,8 +11,9 @@ from handbench.support.errors import HandbenchError
 
 SLOWEST = 100  # how many times slower than in vacuum a wave may be (in water: 9)
 QUIETEST, LOUDEST = 1e-30, 3e38  # range of the largest real or imaginary part that complex64 holds
-FARTHEST_M = 1.5  # of a range profile
-RANGES = 2000  # in it
+FARTHEST_M = 10.0  # of a range profile
+RANGES = 4000  # in it
+USUAL_M = 1.5  # to which it is shown, unless its largest level is farther
 MOST_CHANNELS = 256  # of which it is the mean
 UNITS = ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"))
 
@@ -181,13 +182,15 @@ def even_subset(count: int, most: int) -> np.ndarray:
 
 def range_profile(capture: RadarCapture) -> tuple[np.ndarray, np.ndarray]:
     """Compute the mean level of the first frame's echoes over range: ranges [n], metres, up to the
-    unambiguous one, and levels [n], dB below the largest (-inf or NaN without any echo)."""
+    unambiguous one or well beyond the largest level, and levels [n], dB below the largest (-inf or
+    NaN without any echo)."""
     f_hz, samples = capture.vacuum_hz, capture.samples[0].reshape(len(capture.vacuum_hz), -1)
     range_m = np.linspace(0, min(range_period_m(f_hz), FARTHEST_M), RANGES)
     phase = 4j * np.pi / SPEED_OF_LIGHT_M_S * np.outer(range_m, f_hz)
     some = samples[:, :: 1 + samples.shape[1] // MOST_CHANNELS]
     power = np.mean(np.abs(np.exp(phase) * np.hanning(len(f_hz) + 2)[1:-1] @ some) ** 2, axis=1)
-    return range_m, 10 * np.log10(power / power.max())
+    shown = range_m <= max(USUAL_M, 1.5 * range_m[power.argmax()])
+    return range_m[shown], 10 * np.log10(power / power.max())[shown]
 
 
 def thin_antennas(capture: RadarCapture, every: int) -> RadarCapture:

@@ -10,12 +10,18 @@ from itertools import pairwise
 import numpy as np
 
 from handbench.radar.data.arrays import channel_ends
-from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.methods.doppler import repetition
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.errors import HandbenchError
 
 POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
+UNSIGNED = 0.01  # of the largest part of a sample: signed ones come as near to 0 only by chance
+FEW = 64  # samples that may have one sign, or channels that may be equal, by chance
+SILENT = 0.01  # share of a frame's samples that may be 0 by chance
+COMMON = 0.9  # share of the power that no target within NEAR_M causes alike in all channels
+NEAR_M = 1.0
+LOUD = 6.0  # times the median tone, 15 dB: more than a band's edge or two echoes in phase
 EQUAL = 1e-5  # difference of two tones' samples below which they are copies, with rounding
 NAMED = 5  # runs of numbers at most that a sentence names
 
@@ -114,6 +120,61 @@ def tone_problems(samples: np.ndarray, frequencies_hz: np.ndarray) -> Iterator[s
             yield (
                 f"the tones at {at[first]} and {at[second]} GHz have equal samples, so their "
                 "phases give no distance; correct the frequencies or samples, or record each tone"
+            )
+
+
+def lost_problems(capture: RadarCapture) -> Iterator[str]:
+    """Yield a sentence for the user if a part of the samples, or their sign, was lost on the way to
+    the file, or if channels end early in a frame."""
+    samples = capture.samples.reshape(*capture.samples.shape[:2], -1)
+    for name, part in (("real", samples.real), ("imaginary", samples.imag)):
+        if samples.any() and not part.any():
+            yield f"its samples have no {name} part; both parts are needed, I and Q: export both"
+        elif samples.size > FEW and 0 <= part.min() < UNSIGNED * part.max():
+            yield (
+                f"the {name} part of no sample is negative; if the sign was lost, read the numbers "
+                "as signed ones, and take no magnitudes"
+            )
+    for frame, each in enumerate(samples):
+        silent = each[each.any(axis=1)][:, each.any(axis=0)] == 0
+        if silent.size and silent.mean() > SILENT:
+            yield (
+                f"frame {frame}: {100 * silent.mean():.0f} % of the samples of channels with "
+                "echoes are 0; the recording may have been cut short"
+            )
+            return
+
+
+def leakage_problems(capture: RadarCapture) -> Iterator[str]:
+    """Yield a sentence for the user if most of the power of the first frame is the same in all
+    channels, whose antennas are so far apart that no target within a metre causes that."""
+    samples = scaled_to_one(capture.samples[0]).reshape(len(capture.frequencies_hz), -1)
+    live = samples.any(axis=0)
+    if np.count_nonzero(live) <= FEW:
+        return
+    ends_m = np.array(channel_ends(capture.aperture))[:, live]
+    to_m = np.linalg.norm(ends_m - ends_m.mean(axis=(0, 1)) - [0, 0, NEAR_M], axis=2)
+    common = (np.abs(samples[:, live].mean(axis=1)) ** 2).sum()
+    common /= (np.abs(samples[:, live]) ** 2).mean(axis=1).sum()
+    if common > COMMON and np.ptp(to_m.sum(axis=0)) > shortest_m(capture) / 2:
+        yield (
+            f"{100 * common:.1f} % of the power is the same in all channels, as what leaks from "
+            "transmitter to receiver is; subtract the mean over the channels ([background] mean = "
+            '"positions" in a mapping.toml)'
+        )
+
+
+def level_problems(capture: RadarCapture) -> Iterator[str]:
+    """Yield a sentence for the user about each tone that is much stronger than the others in the
+    first frame."""
+    tones = capture.samples[0].reshape(len(capture.frequencies_hz), -1)
+    levels = np.linalg.norm(scaled_to_one(tones), axis=1)
+    usual = np.median(levels[levels > 0]) if levels.any() else np.inf
+    for level, hz in zip(levels, capture.frequencies_hz, strict=True):
+        if level > LOUD * usual:
+            yield (
+                f"the tone at {hz / 1e9:.10g} GHz is {20 * np.log10(level / usual):.0f} dB "
+                "stronger than the median tone; leave it out, or record it again"
             )
 
 

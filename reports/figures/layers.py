@@ -189,8 +189,8 @@ def layers_figure(layers: Sequence[Layer], title: str = "") -> Figure:
 
 def edges(centres: np.ndarray) -> tuple[float, float]:
     """Return the outer edges of the first and the last of evenly spaced pixels, in the unit of
-    their centres [n]."""
-    half = (centres[-1] - centres[0]) / (len(centres) - 1) / 2
+    their centres [n]. A single one is one unit wide."""
+    half = (centres[-1] - centres[0]) / (len(centres) - 1) / 2 if len(centres) > 1 else 0.5
     return centres[0] - half, centres[-1] + half
 
 
@@ -267,7 +267,10 @@ def mean_text(error_m: np.ndarray) -> str:
 def shade(surface: SurfaceMap) -> np.ndarray:
     """Return the brightness [ny, nx, 1], 0 to 1, of a surface that is lit from the upper left and
     seen from the array, with x to the left."""
-    slope_y, slope_x = np.gradient(surface.z_m, surface.y_m, surface.x_m)
+    slope_y, slope_x = (
+        np.gradient(surface.z_m, axis_m, axis=n) if len(axis_m) > 1 else 0 * surface.z_m
+        for n, axis_m in enumerate((surface.y_m, surface.x_m))
+    )
     # in the eye's axes: x and z are turned
     normal = np.stack([-slope_x, slope_y, np.ones_like(surface.z_m)], axis=-1)
     light = normal @ (LIGHT / np.linalg.norm(LIGHT)) / np.linalg.norm(normal, axis=-1)

@@ -138,7 +138,7 @@ def is_the_scan(capture, samples):
 def test_a_raster_scan_less_its_mean(tmp_path):
     np.save(tmp_path / "s.npy", SCANNED[None] + np.arange(5))
     samples = SAMPLES[:1].reshape(1, 5, 12)
-    capture = echoes(tmp_path, changed(SCAN, samples={"subtract_mean": True}))
+    capture = echoes(tmp_path, changed(SCAN, background={"mean": "positions"}))
     is_the_scan(capture, samples - samples.mean(axis=2, keepdims=True))
 
 
