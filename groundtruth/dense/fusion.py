@@ -36,8 +36,9 @@ class Cloud:
     names: tuple[str, ...]
     pixel_m: float
 
-    def at(self, index: np.ndarray) -> "Cloud":
-        """Return the cloud with only the points that `index` selects, a mask [n] or indices."""
+    def at(self, index: np.ndarray | slice) -> "Cloud":
+        """Return the cloud with only the points that `index` selects: a mask [n], indices, or a
+        slice."""
         per_point = ("points_m", "normals", "views", "spread_m")
         return replace(self, **{name: getattr(self, name)[index] for name in per_point})
 
