@@ -177,7 +177,7 @@ def test_of_two_equal_maxima_the_brighter_is_right(apart_mm, within):
 
     peaks = np.array([amplitudes(samples, first)[:2].mean(axis=0).max() for samples in alone])
     at = [amplitudes(samples, points).max(axis=0) for samples in alone]  # [echo][point]
-    for more in (0.9, 0.95, 0.99, 1 - 1e-6, 1, 1 + 1e-6, 1.01, 1.1):
+    for more in (0.9, 0.99, 1, 1 + 1e-6, 1.1):
         weight = [more, 1 / more] / peaks
         taken = capture(weight[0] * alone[0] + weight[1] * alone[1], LADDER_HZ, qar50())
         for id in FSK:

@@ -14,7 +14,7 @@ from handbench.groundtruth.sparse.sparse import register
 from tests.groundtruth import room
 from tests.refusals import refuse
 
-VIEWS = 4
+VIEWS = 3
 
 
 def solved(folder, **options):
@@ -53,7 +53,7 @@ def test_poses_and_lenses_stay_bit_for_bit_and_points_lie_in_their_frame(found, 
         assert camera.params == true.params and camera.t == true.t
         np.testing.assert_allclose(camera.rotation, true.rotation, atol=1e-15)
     points_m = np.array([p.xyz for p in found.model.points3D.values() if p.track.length() >= 3])
-    assert len(points_m) > 1000 and found.model.compute_mean_reprojection_error() < 0.3
+    assert len(points_m) > 500 and found.model.compute_mean_reprojection_error() < 0.3
     off_m = np.abs(points_m).min(axis=1)  # the room's planes are x = 0, y = 0, z = 0
     assert np.median(off_m) < 5e-4 and np.quantile(off_m, 0.9) < 3e-3
 

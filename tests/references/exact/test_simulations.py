@@ -37,7 +37,7 @@ SPHERES = {
     ),
 }
 TONES_HZ = np.array([79.5e9, 82e9])
-FEW = AntennaArray(qar50().tx_m[::12], qar50().rx_m[::12])
+FEW = AntennaArray(qar50().tx_m[::24], qar50().rx_m[::24])
 ONCE = ("obliquity", "shadow")
 TWICE = (*ONCE, "multipath")
 BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK

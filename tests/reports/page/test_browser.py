@@ -140,6 +140,7 @@ def seen(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_WORKERS", "1")
         patch.setattr(rendering, "images", lambda draw, folder, paper=True: [PICTURE])
+        patch.setattr(html, "_film", lambda *_: PICTURE)
         html.build(RESULT, base / "golden")
         patch.setattr(html, "ABREAST", 1)
         html.build(renamed(base / "result", STRANGERS), base / "strangers")

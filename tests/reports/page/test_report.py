@@ -39,6 +39,7 @@ def report(tmp_path_factory):
     write_json(folder / "result.json", facts)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(rendering.PAGE, "savefig.dpi", 50)  # for speed
+        patch.setitem(rendering.COLUMN, "pdf.fonttype", 3)  # whole fonts are not cut
         return html.build(folder, folder.parent / "report").parent
 
 
@@ -82,6 +83,7 @@ def reports(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_WORKERS", "1")
         patch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
+        patch.setattr(html, "_film", lambda *_: None)
         return several.build([RESULT, RESULT], out)
 
 
