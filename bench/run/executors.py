@@ -136,7 +136,8 @@ def process_count(chains: int) -> int:
     if current_process().daemon:
         return 1
     cores = min(workers(), len(os.sched_getaffinity(0)))
-    return min(cores, chains, MOST, int(psutil.virtual_memory().available / STAGE_BYTES))
+    fitting = int(psutil.virtual_memory().available / STAGE_BYTES)
+    return max(min(cores, chains, MOST, fitting), 1)
 
 
 @contextmanager

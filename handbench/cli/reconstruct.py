@@ -15,7 +15,7 @@ from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_npz
-from handbench.support.progress import say
+from handbench.support.progress import counted, say
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 
@@ -44,7 +44,8 @@ def run(options: argparse.Namespace) -> None:
     task = prepare(echoes, chosen, settings, [options.frame])
     from handbench.radar.imaging.device import describe
 
-    depth = task.with_uncertainty(task.image(options.frame), options.frame)
+    with counted(1) as progress, progress.part(f"imaging by {chosen.id}"):
+        depth = task.with_uncertainty(task.image(options.frame), options.frame)
     for warning in warnings_of(depth, MAP):
         say(f"{options.out}: {warning}")
     with ExitStack() as both:  # files appear at its end, or neither

@@ -8,6 +8,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.simulation.scene import Choice, EchoScene
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
+from handbench.support.progress import track
 
 TOLERANCE = 1e-3  # of samples and images, well below the error of the coarse surfaces
 COARSER = 2.0  # edges of facets and mirrors relative to a full simulation
@@ -30,8 +31,7 @@ def explain(scene: EchoScene, choices: tuple[Choice, ...]) -> tuple[Choice, ...]
     whole = simulated()
     changes = {
         row.effect: _changes(whole.capture, simulated(row.effect).capture, config)
-        for row in choices
-        if row.on
+        for row in track([row for row in choices if row.on], "leaving out effects")
     }
     return tuple(row.model_copy(update=changes.get(row.effect, {})) for row in whole.rows[1:])
 
