@@ -32,12 +32,12 @@ from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import SHRINK, DenseOptions, Options, Region, SparseOptions
 from handbench.groundtruth.photos.masks import read_mask
 from handbench.groundtruth.photos.photos import Photo, find_photos, photo_paths
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.groundtruth.sparse.inputs import files_given, gather
 from handbench.groundtruth.sparse.sparse import Sparse, register
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash, one_form, read_json, write_json
-from handbench.support.pictures import open_picture
 from handbench.support.progress import counted, say
 from handbench.support.store import Input, Stage, cached, stage
 

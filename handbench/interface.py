@@ -207,6 +207,15 @@ def _within(usual: Config, settings: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def _saved(figure: Figure, file: File | None) -> Figure:
+    """Write a figure, if a file is given, and return it."""
+    from handbench.reports.figures.style import save
+
+    if file is not None:
+        save(figure, file)
+    return figure
+
+
 class Delegating:
     """Base class of objects that also have all attributes of another, their attribute `OF`."""
 
@@ -234,12 +243,7 @@ class Plottable:
         Returns:
             Matplotlib's figure.
         """
-        from handbench.reports.figures.style import save
-
-        figure = self._figure()
-        if file is not None:
-            save(figure, file)
-        return figure
+        return _saved(self._figure(), file)
 
     def _figure(self) -> Figure:
         raise NotImplementedError
@@ -416,12 +420,8 @@ class RunResult(Delegating):
             HandbenchError: an unknown kind, or a result without the data of this figure.
         """
         from handbench.reports.figures.plots import plot
-        from handbench.reports.figures.style import save
 
-        figure = plot(self.result, kind)
-        if file is not None:
-            save(figure, file)
-        return figure
+        return _saved(plot(self.result, kind), file)
 
 
 def compare(a: File | RunResult, b: File | RunResult) -> pd.DataFrame:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.radar.data.depthmap import LARGEST
 from handbench.radar.data.grid import bounding_box
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, read_npz, write_npz
 from handbench.support.limits import ARRAY_BYTES
-from handbench.support.pictures import open_picture
 
 PHOTO_PX = 600
 ORIENTATION = 0x0112  # EXIF's tag

@@ -22,6 +22,7 @@ from handbench.calibration.spheres.description import load_target
 from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
+from handbench.groundtruth.photos.pictures import SUFFIXES
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.ability import abilities, methods_of_tones
@@ -29,7 +30,6 @@ from handbench.radar.methods.evidence import frame_problems
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from handbench.support.pictures import SUFFIXES
 from handbench.support.progress import is_terminal, print_lines, print_wrapped, track
 
 # what reads a file, and the checks of its content: by the end of its name, or by a key in it

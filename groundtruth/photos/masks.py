@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.photos.photos import Photo, read_alpha, read_gray
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, require_folder
-from handbench.support.pictures import open_picture
 
 ORIENTATION = 0x0112  # EXIF's tag
 TURNS = {6: 1, 8: 3}  # its value → quarter turns from the upright to the stored picture

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from handbench.groundtruth.photos.pictures import PLAIN, RAW, SUFFIXES, is_deep, open_picture
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, one_form, require_folder
-from handbench.support.pictures import PLAIN, RAW, SUFFIXES, is_deep, open_picture
 from handbench.support.progress import say, track
 
 FEWEST = 3

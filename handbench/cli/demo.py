@@ -20,43 +20,40 @@ def run(options: argparse.Namespace) -> None:
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
     capture is used again."""
-    import pandas as pd
-
     from handbench.bench.benchmarks.benchmark_file import EMBEDDED
     from handbench.bench.datasets.native import TRUTH
-    from handbench.bench.evaluation.metrics import METRICS, chosen
+    from handbench.bench.datasets.simulated import simulate_capture
+    from handbench.bench.evaluation.metrics import Values, chosen
+    from handbench.bench.scenes.build import load_scene
     from handbench.bench.stages.reconstruct import Imager
     from handbench.interface import Depth
     from handbench.radar.methods.registry import titles
     from handbench.reports.figures.depth_maps import methods_figure
     from handbench.reports.figures.style import save
-    from handbench.reports.tables.rounding import figure
-    from handbench.reports.tables.table import Table
+    from handbench.reports.tables.table import of_values
     from handbench.reports.tables.writers import notes, terminal
     from handbench.support.cost import machine
 
     folder: Path = options.out
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
     _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
-    _simulate(folder / SCENE, capture)
+    if capture.exists():  # which appears whole or not at all
+        say(f"{capture}: exists already and is used again")
+    else:
+        simulate_capture(load_scene(folder / SCENE), capture)
     shown = []
-    rows: dict[str, dict[str, str]] = {}
+    rows: dict[str, Values] = {}
     for id in METHODS:
         images = Imager(capture, id, {"tolerance": TOLERANCE}).images()
         depth, title = images.depths[0], titles()[id]
         depth.save(folder / f"{id}.npz")
         score = Depth(depth).evaluate(truth)
         values = score.values | {"seconds": median(images.seconds)}
-        defined = (METRICS[metric] for metric in chosen("summary") if metric in values)
-        rows[title] = {
-            f"{metric.title} ({metric.unit})": figure(values[metric.key], unit=metric.unit)
-            for metric in defined
-        }
+        rows[title] = {key: values[key] for key in chosen("summary") if key in values}
         shown.append((title, depth.z_m, score.errors))
         say(f"{folder / id}.npz: imaged and scored")
     save(methods_figure(shown), folder / PICTURE)
-    texts = pd.DataFrame.from_dict(rows, orient="index")
-    terminal(Table("Scored against the true surface", texts.rename_axis("method")))
+    terminal(of_values("Scored against the true surface", rows))
     facts = machine()
     notes(f"images to {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")
     print_lines(
@@ -81,14 +78,3 @@ def _claim(folder: Path, scene: str) -> None:
             f"{folder}: exists, but this version of `handbench demo` did not write it; choose "
             "another folder for -o, or remove this one"
         )
-
-
-def _simulate(scene: Path, capture: Path) -> None:
-    """Simulate the scene and write its capture, unless the capture exists."""
-    from handbench.bench.datasets.simulated import simulate_capture
-    from handbench.bench.scenes.build import load_scene
-
-    if capture.exists():  # which appears whole or not at all
-        say(f"{capture}: exists already and is used again")
-        return
-    simulate_capture(load_scene(scene), capture)

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from handbench.cli.options import free
-
-if TYPE_CHECKING:
-    from handbench.bench.evaluation.metrics import Values
 
 
 def run(options: argparse.Namespace) -> None:
@@ -21,7 +18,7 @@ def run(options: argparse.Namespace) -> None:
     from handbench.bench.validation.checks import MAP, figure_warnings, warnings_of
     from handbench.interface import Capture, Depth
     from handbench.radar.data.depthmap import load_depthmap
-    from handbench.support.progress import is_terminal, print_json, say
+    from handbench.support.progress import is_terminal, print_json, print_lines, say
 
     if options.plot is not None:
         free(options.plot, options.overwrite)
@@ -45,28 +42,10 @@ def run(options: argparse.Namespace) -> None:
     if options.json or not (options.table or is_terminal(sys.stdout)):
         print_json(({"warnings": warnings} if warnings else {}) | values | about)
     else:
-        _table(f"{options.depth}: {depth.method}", values, about.get("refined"))
+        from handbench.reports.tables.table import of_values
+        from handbench.reports.tables.writers import terminal
 
-
-def _table(title: str, values: Values, refined: str | None) -> None:
-    """Print the metrics as a table. They have no intervals, because an interval needs several
-    captures.
-    values: metric → figure; refined: a note below the table."""
-    import pandas as pd
-
-    from handbench.bench.evaluation.metrics import METRICS
-    from handbench.reports.tables.rounding import figure
-    from handbench.reports.tables.table import Table
-    from handbench.reports.tables.writers import terminal
-    from handbench.support.progress import print_lines
-
-    defined = [METRICS[key] for key in values]
-    texts = {
-        "value": [figure(values[metric.key], unit=metric.unit) for metric in defined],
-        "unit": [metric.unit for metric in defined],
-        "better": [metric.better for metric in defined],
-    }
-    titles = pd.Index([metric.title for metric in defined], name="metric")
-    terminal(Table(title, pd.DataFrame(texts, titles)), "the output of --json")
-    if refined:
-        print_lines(refined)
+        table = of_values(str(options.depth), {depth.method: values}).turned
+        terminal(table, "the output of --json")
+        if transform.refined:
+            print_lines(about["refined"])

@@ -120,12 +120,12 @@ def free(path: Path, overwrite: bool) -> None:
 
 
 def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
-    """Check that a command may write into a folder: it is new, or may be overwritten and has only
-    files that this command wrote before. Raises HandbenchError otherwise.
+    """Check that a command may write into a folder: it is new, or may be overwritten and is empty
+    or has only files that this command wrote before. Raises HandbenchError otherwise.
     written: patterns of the names of the files that the command writes; the first one is in every
     folder that it wrote."""
     free(path, overwrite)
-    if path.exists() and not (path / written[0]).is_file():
+    if (path.is_file() or any(path.glob("*"))) and not (path / written[0]).is_file():
         raise HandbenchError(
             f"{path}: has no {written[0]}, so this command did not make this folder and does not "
             "overwrite it; choose another folder"

@@ -2,7 +2,7 @@
 
 import argparse
 
-from handbench.support.errors import HandbenchError
+from handbench.cli.options import free_folder
 from handbench.support.progress import print_lines
 
 
@@ -11,15 +11,7 @@ def run(options: argparse.Namespace) -> None:
     methods. Prints the path of the first page."""
     from handbench.reports.page import html, several
 
-    if (
-        options.out.exists()
-        and any(options.out.iterdir())
-        and not (options.out / "index.html").exists()
-    ):
-        raise HandbenchError(
-            f"{options.out}: is a folder with files but without index.html, so it is not a report "
-            "and is not overwritten; choose another folder for -o"
-        )
+    free_folder(options.out, True, ("index.html", "*"))
     if len(options.results) == 1:
         first = html.build(options.results[0], options.out)
     else:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,12 @@ import tomlkit
 from matplotlib.figure import Figure
 
 from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.pipeline.view import view
 from handbench.bench.results.maps import SurfaceMap
 from handbench.bench.scenes.stand import stand_board
 from handbench.calibration.spheres.description import Target, default_target
 from handbench.cli.options import free
 from handbench.groundtruth.board.board import Board
-from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
 from handbench.radar.data.capture import range_profile
@@ -33,7 +32,6 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
 from handbench.support.progress import print_lines
 
-VIEWED_PX = 320  # of a mesh, along each side
 BUILT_IN = {"target": default_target, "stand": stand_board}
 FEWEST_TONES = 8  # of fewer a range profile repeats too soon
 
@@ -70,28 +68,9 @@ def _surface(path: Path) -> tuple[str, str, SurfaceMap, dict[str, Any]]:
         return shown.method, "array", SurfaceMap(shown.x_m, shown.y_m, shown.z_m), maps
     if not isinstance(shown, Surface):
         raise HandbenchError(f"{path}: has no surface to show; expected a depth map or a mesh")
-    sensor, signs = _seen_from(shown)
-    turned = replace(shown, vertices_m=shown.vertices_m * signs)
-    low_m, high_m = turned.vertices_m.min(axis=0), turned.vertices_m.max(axis=0)
-    x_m, y_m, _ = np.linspace(low_m, high_m, VIEWED_PX).T
-    depth = reference_on_grid(turned, x_m, y_m)
-    maps = {"sigma_m": depth.mesh_sigma_m} if sensor == "cameras" else {}
-    title = f"{len(shown.faces)} triangles, from the {sensor}"
-    return title, sensor, SurfaceMap(x_m, y_m, depth.z_m), maps
-
-
-def _seen_from(mesh: Surface) -> tuple[str, np.ndarray]:
-    """Find from which side a mesh must be drawn: returns the sensor, and signs of x, y and z with
-    which the axes point left, up and away from it.
-    A mesh with sigma_m was made from photographs. If its observed faces point towards +z, its frame
-    is that of a board, with the cameras on the side of +z. Otherwise it is a camera's frame (x
-    right, y down, z away from the camera)."""
-    if not np.isfinite(mesh.sigma_m).any():
-        return "array", np.ones(3)
-    seen = mesh.faces[mesh.observed[mesh.faces].all(axis=1)]
-    a, b, c = np.moveaxis(mesh.vertices_m[seen], 1, 0)
-    facing = np.cross(b - a, c - a)[:, 2].sum() >= 0
-    return "cameras", np.array([-1, 1, -1] if facing else [-1, -1, 1])
+    sensor, seen = view(shown)
+    maps = {} if seen.sigma_m is None else {"sigma_m": seen.sigma_m}
+    return f"{len(shown.faces)} triangles, from the {sensor}", sensor, seen, maps
 
 
 def _draw(path: Path, out: Path) -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from handbench.bench.evaluation.front import figures as front_figures
 from handbench.bench.evaluation.front import front, ranked
-from handbench.bench.evaluation.metrics import METRICS, chosen
+from handbench.bench.evaluation.metrics import METRICS, Values, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import Result, best
@@ -100,6 +100,20 @@ def _cell(line: Any) -> str:
     text = stacked(line.value, line.low, line.high, line.unit)
     theirs = getattr(line, "paper", None)
     return f"{text}\npaper {paper(theirs, line.unit)}" if is_known(theirs) else text
+
+
+def of_values(caption: str, values: Mapping[str, Values]) -> Table:
+    """Return figures without intervals as a table with a row for each name, a method for instance,
+    and a column for each metric.
+    values: name → metric → figure."""
+    texts = {
+        name: {
+            f"{METRICS[key].title} ({METRICS[key].unit})": figure(value, unit=METRICS[key].unit)
+            for key, value in of_one.items()
+        }
+        for name, of_one in values.items()
+    }
+    return Table(caption, pd.DataFrame.from_dict(texts, orient="index"))
 
 
 def every_figure(result: Result) -> list[Table]:

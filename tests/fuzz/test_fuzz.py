@@ -19,11 +19,11 @@ from handbench.groundtruth.board.board import load_board
 from handbench.groundtruth.cameras.cameras import load_cameras
 from handbench.groundtruth.cameras.metashape import read_metashape
 from handbench.groundtruth.mesh.surface import read_surface
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
-from handbench.support.pictures import open_picture
 from tests.strategies import examples
 
 SEEDS = Path(__file__).with_name("seeds")  # a small valid file for each reader

@@ -8,13 +8,13 @@ import h5py
 import numpy as np
 import pytest
 
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support import limits
 from handbench.support.config import read_toml
 from handbench.support.files import read_bytes, read_json, read_npz, write_npz
-from handbench.support.pictures import open_picture
 from tests.refusals import refuse
 
 
