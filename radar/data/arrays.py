@@ -2,6 +2,7 @@
 centre, z away from the array, y up, x = y × z."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -154,6 +155,12 @@ def range_period_m(frequencies_hz: np.ndarray) -> float:
     """Compute the range c/2Δf, metres, after which echoes at tones [f] repeat, from the smallest
     distance Δf of two different tones."""
     return SPEED_OF_LIGHT_M_S / 2 / float(np.diff(np.unique(frequencies_hz)).min())
+
+
+def reach_hz(tones_hz: Sequence[float] | np.ndarray) -> float:
+    """Return the larger of the distances Δf, hertz, between the last tone and the first two. The
+    depth step of FSK's last tone is unambiguous within ±c/4Δf."""
+    return max(abs(tones_hz[-1] - hz) for hz in tones_hz[:-1][:2])
 
 
 def array_legs(aperture: Aperture, lengths: Any) -> Any:

@@ -157,5 +157,6 @@ def amplitude_db(amplitude: np.ndarray) -> np.ndarray:
         raise HandbenchError(
             "echoes: the image is zero everywhere; use a capture whose echoes are not all zero"
         )
-    with np.errstate(divide="ignore"):
-        return (20 * np.log10(amplitude / peak)).astype(np.float32)
+    ratio, db = amplitude / peak, np.full(amplitude.shape, -np.inf, np.float32)
+    np.log10(ratio, out=db, where=ratio > 0)
+    return 20 * db

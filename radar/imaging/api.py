@@ -22,6 +22,7 @@ from handbench.radar.imaging.gpu import executor as gpu
 from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.plan import (
     COARSER,
+    REUSED,
     GridPlan,
     SortedPoints,
     TreePlan,
@@ -193,10 +194,10 @@ def _plans(
     frequencies_hz: np.ndarray, aperture: Aperture, points_m: np.ndarray, family: Family
 ) -> list[tuple[TreePlan, np.ndarray, SortedPoints]]:
     """Divide points [n, 3] into compact clusters, and return the plan, the indices and the sorted
-    points of each; an empty list if the exact sum costs less than these plans."""
+    points of each; an empty list if the plans cost more than the exact sum of REUSED images."""
     if needs_direct_sum(aperture):
         return []
-    terms = exact_terms(len(frequencies_hz) * len(points_m), aperture)
+    terms = REUSED * exact_terms(len(frequencies_hz) * len(points_m), aperture)
     parts = clusters(points_m, frequencies_hz)
     if 2 * len(parts) * node_cost(aperture) > terms:  # a cell and a leaf each
         return []

@@ -48,8 +48,9 @@ UPSAMPLING = 0.6  # share of the tolerance that upsampling may use
 CACHED = 48  # plans, those of a benchmark's dozen methods; the oldest goes first
 # Cost of planning a node, in terms of the exact sum: GRAMS times its antennas' Gram matrices, and
 # at least SMALL_NODE. A grid's plan, which later images reuse, may always cost PLANNED (some 3 s);
-# a dearer plan, and one for points, must cost less than the exact sum of its image.
-GRAMS, SMALL_NODE, PLANNED = 3, 1.5e6, 3e10
+# a dearer plan must cost less than the exact sum of its image. So must a plan for points, of REUSED
+# images: those of a frame that moves, or of other tones.
+GRAMS, SMALL_NODE, PLANNED, REUSED = 3, 1.5e6, 3e10, 8
 # cost of a term of a scan's sum over positions relative to one of a matrix product (measured: 14 to
 # 19)
 SCAN = 16
@@ -123,14 +124,16 @@ class TreePlan:
         bounds = pairwise([*first.tolist(), len(where.leaf)])
         return {cell: slice(*ends) for cell, ends in zip(cells.tolist(), bounds, strict=True)}
 
-    def stack(self, leaves: list[int]) -> NodeStack:
-        """Stack the nodes of some leaves of one cell. The last stack of each cell is kept."""
+    def stack(self, leaves: list[int]) -> tuple[list[int], NodeStack]:
+        """Return the nodes of some leaves of one cell, and of those of the cell that were asked for
+        before: (their numbers, ascending, and their stack)."""
         cell = leaves[0] // self.leaves_per_cell
-        numbers, stacked = self._stacks.get(cell, (None, None))
-        if stacked is None or numbers != leaves:
-            stacked = stack([self.leaf(leaf) for leaf in leaves])
-            self._stacks[cell] = leaves, stacked
-        return stacked
+        numbers, stacked = self._stacks.get(cell, ([], None))
+        if stacked is None or not set(leaves) <= set(numbers):
+            numbers = sorted({*numbers, *leaves})
+            stacked = stack([self.leaf(leaf) for leaf in numbers])
+            self._stacks[cell] = numbers, stacked
+        return numbers, stacked
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that

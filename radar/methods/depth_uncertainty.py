@@ -18,11 +18,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, reach_hz
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.fsk import Fsk, FskStep, fsk, reach_hz
-from handbench.radar.methods.pixels import masked_mean
+from handbench.radar.methods.fsk import Fsk, FskStep, fsk
+from handbench.radar.methods.pixels import window_mean
 
 # below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
 FEW = 100
@@ -57,14 +57,18 @@ def spread_m(error_m: np.ndarray, amplitude: np.ndarray, window_px: int = SPREAD
     """Compute σ = √((⟨q²A²⟩_window + ⟨q²A²⟩_map) / 2) / A [ny, nx], metres, from the errors q
     (error_m) and amplitudes A [ny, nx], NaN off target. Of many pixels, the median of q is
     subtracted first, since the tones may differ in gain. window_px: width of the window."""
-    on = np.isfinite(error_m)
-    if not on.any():
-        return error_m
-    gain_m = np.median(error_m[on]) if np.count_nonzero(on) > FEW else 0.0
-    power = ((error_m - gain_m) * amplitude) ** 2
+    on, sigma_m = np.flatnonzero(np.isfinite(error_m)), np.full(error_m.shape, np.nan)
+    if not len(on):
+        return sigma_m
+    error, strength = error_m.ravel()[on], amplitude.ravel()[on]
+    gain_m = np.median(error) if len(error) > FEW else 0.0
+    power = ((error - gain_m) * strength) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (masked_mean(power, window_px) + power[on].mean()) / 2
-        return np.asarray(np.where(on, np.sqrt(mean) / amplitude, np.nan))
+        mean = (
+            window_mean(power, np.unravel_index(on, error_m.shape), window_px) + power.mean()
+        ) / 2
+        sigma_m.ravel()[on] = np.sqrt(mean) / strength
+    return sigma_m
 
 
 def speckle_m(z_m: np.ndarray, filtered_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
@@ -144,11 +148,10 @@ def doubtful_on_plane(step: FskStep) -> np.ndarray:
     noise = sigma_m > NOISE * half_period_m(step) * step.factor
     if np.count_nonzero(noise) > NOISY * len(noise):  # the rest are peaks of the noise
         noise[:] = True
-    z_m, peak = step.formed_m[0], step.amplitude.max()
+    z_m, peak, period_m = step.formed_m[0], step.amplitude.max(), 2 * half_period_m(step)
     elsewhere = any(
-        step.echoes.image(np.full(step.echoes.grid.shape, there_m), 2).amplitude.max()
-        > SHARPER * peak * max(1, there_m / z_m)
-        for there_m in (z_m - 2 * half_period_m(step), z_m + 2 * half_period_m(step))
+        step.echoes.strongest(there_m).amplitude.max() > SHARPER * peak * max(1, there_m / z_m)
+        for there_m in (z_m - period_m, z_m + period_m)
         if there_m > 0
     )
     behind_the_array = step.formed_m + step.correction_m <= 0

@@ -13,7 +13,7 @@ found the depth to within its ambiguity.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import attrgetter
@@ -22,13 +22,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, reach_hz
 from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.doppler import Repetition, repetition, with_velocity
 from handbench.radar.methods.first_depth import first_depth_m
-from handbench.radar.methods.pixels import masked_mean, path_gradient_z
+from handbench.radar.methods.pixels import masked_mean, path_gradient_z, thinned
 from handbench.radar.methods.settings import Depth, MethodSettings, OddPixels
 from handbench.support.config import Tone
 
@@ -69,12 +69,6 @@ class Fsk(MethodSettings):
                 "the one before"
             )
         return tones_hz
-
-
-def reach_hz(tones_hz: Sequence[float] | np.ndarray) -> float:
-    """Return the larger of the distances Δf, hertz, between the last tone and the first two. The
-    depth step of the last tone is unambiguous within ±c/4Δf."""
-    return max(abs(tones_hz[-1] - hz) for hz in tones_hz[:-1][:2])
 
 
 def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float) -> np.ndarray:
@@ -123,12 +117,12 @@ class FskStep:
         *first, (last, last_hz) = zip(self.images, self.echoes.frequencies_hz, strict=False)
         return np.array([step_m(image, last, hz - last_hz) for image, hz in first[:2]])
 
-    @property
+    @cached_property
     def correction_m(self) -> np.ndarray:
         """Depth corrections [n], metres, from formed_m to the scatterers: the mean of `steps_m`."""
         return np.asarray(self.steps_m().mean(axis=0) * self.factor)
 
-    @property
+    @cached_property
     def z_m(self) -> np.ndarray:
         """Depths after the step [ny, nx], metres, NaN off target."""
         return self.echoes.grid.on_map(self.index, self.formed_m + self.correction_m)
@@ -194,31 +188,37 @@ class FskEchoes(NamedTuple):
             index = np.append(index, repeated.measured)
         if config.first_depth_m == "auto":
             config = config.model_copy(update={"first_depth_m": first_depth_m(capture, frame)})
-        samples = scaled_to_one(capture.samples[frame][index])
-        frequencies_hz = capture.vacuum_hz[index]
-        return cls(samples, frequencies_hz, capture.aperture, config, config.pixels, repeated)
+        samples, aperture = scaled_to_one(capture.samples[frame][index]), capture.aperture
+        return cls(samples, capture.vacuum_hz[index], aperture, config, config.pixels, repeated)
 
     def first_step(self) -> FskStep:
         """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to
         the target by their phase, and return the step of the pixels at or above the threshold."""
         # 1: the plane z_e is imaged at f1 and f2.
         config = self.config
-        z_e = np.full(self.grid.shape, config.first_depth_m)
-        plane = self.image(z_e, 2)
+        z_e = float(config.first_depth_m)
         for _ in range(config.corrections):
             # 2: the phase at the strongest pixel corrects z_e, in the paper once.
-            z_e += plane.where(np.array([plane.amplitude.argmax()])).correction_m
-            plane = self.image(z_e, 2)
+            z_e += self.strongest(z_e).correction_m.item()
+        plane = self.image(z_e, 2)
         # 3: every pixel above the threshold takes the depth of its own phase.
         return plane.where(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
 
-    def image(self, z_m: np.ndarray, count: int) -> FskStep:
+    def strongest(self, z_m: float) -> FskStep:
+        """Image the plane z_m at the first two tones, and return the step of the strongest of its
+        pixels, a few of which in each resolution cell are looked at."""
+        plane = self._replace(grid=thinned(self, z_m)).image(z_m, 2)
+        return plane.where(np.array([plane.amplitude.argmax()]))
+
+    def image(self, z_m: np.ndarray | float, count: int) -> FskStep:
         """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at the first
         `count` tones; at two tones, z_m is one plane, and a phase that all tones share is left
         out."""
         from handbench.radar.imaging import api  # numba, which settings do not need
 
-        config, grid, index = self.config, self.grid, np.flatnonzero(np.isfinite(z_m))
+        config, grid = self.config, self.grid
+        z_m = np.broadcast_to(z_m, grid.shape)
+        index = np.flatnonzero(np.isfinite(z_m))
         formed_m = z_m.ravel()[index]
         rows = np.r_[:count, len(config.tones_hz) : len(self.samples)]
         echoes = self.samples[rows], self.frequencies_hz[rows], self.aperture

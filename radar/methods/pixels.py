@@ -1,39 +1,63 @@
 """Functions of the pixels of a depth map: averaging filter, growth of the path along z."""
 
-import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from __future__ import annotations
 
-from handbench.radar.data.arrays import Aperture
-from handbench.radar.data.grid import bounding_box
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture
+from handbench.radar.data.grid import PixelGrid
+
+if TYPE_CHECKING:
+    from handbench.radar.methods.fsk import FskEchoes
+
+PER_CELL = 5  # pixels along x and y of a resolution cell that show a peak to 3 %
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
     """Average a map [ny, nx] over a window of size_px × size_px around each pixel, leaving out NaN
     (normalised convolution); NaN stays NaN. weight [ny, nx]: weight of each pixel; None for equal
     weights."""
-    if size_px == 1 or not np.isfinite(values).any():
-        return values.copy()
-    whole, box = np.full(values.shape, np.nan), bounding_box(np.isfinite(values))
-    inner, known = values[box], np.isfinite(values[box])
-    weight = np.where(known, 1.0 if weight is None else weight[box], 0.0)
-    weight = (weight / weight.max()).astype(np.float64)
-    offset = inner[known].mean()  # keeps the sums small, so that they lose no digits
-    weighted = weight * np.where(known, inner - offset, 0.0)
+    means, seen = values.flatten(), np.flatnonzero(np.isfinite(values))
+    if size_px > 1 and len(seen):
+        pixels = np.unravel_index(seen, values.shape)
+        of_seen = None if weight is None else weight.ravel()[seen]
+        means[seen] = window_mean(means[seen], pixels, size_px, of_seen)
+    return means.reshape(values.shape)
+
+
+def window_mean(
+    values: np.ndarray,
+    pixels: tuple[np.ndarray, ...],
+    size_px: int,
+    weight: np.ndarray | None = None,
+) -> np.ndarray:
+    """Average values [n] of the pixels (rows [n], columns [n]) over a window of size_px × size_px
+    around each, with weights [n] (None: equal ones): [n]. Each window is summed by itself, since a
+    running sum would carry the rounding errors of strong pixels to weak ones."""
+    from scipy.ndimage import correlate1d  # which settings do not need
+
+    places = tuple(place - place.min() for place in pixels)
+    weight = np.ones(len(values)) if weight is None else (weight / weight.max()).astype(np.float64)
+    offset = values.mean()  # keeps the sums small, so that they lose no digits
+    maps = np.zeros((2, *(place.max() + 1 for place in places)))
+    maps[0][places], maps[1][places] = weight * (values - offset), weight
+    for axis in (1, 2):
+        maps = correlate1d(maps, np.ones(size_px), axis, mode="constant")
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = offset + _window_sums(weighted, size_px) / _window_sums(weight, size_px)
-    whole[box] = np.where(known, means, np.nan)
-    return whole
+        return np.asarray(offset + maps[0][places] / maps[1][places])
 
 
-def _window_sums(values: np.ndarray, size_px: int) -> np.ndarray:
-    """Sum a map over the window around each pixel: [ny, nx]. Each window is summed by itself, since
-    a running sum would carry the rounding errors of strong pixels to weak ones."""
-    for axis in (1, 0):
-        padding = [(0, 0), (0, 0)]
-        padding[axis] = (size_px // 2, (size_px - 1) // 2)
-        windows = sliding_window_view(np.pad(values, padding), size_px, axis)
-        values = sum((windows[..., i] for i in range(size_px)), np.zeros(values.shape))
-    return values
+def thinned(echoes: FskEchoes, z_m: float) -> PixelGrid:
+    """Return every n-th pixel of the echoes' grid along x and along y, about PER_CELL in a
+    resolution cell λz/2D of the plane at depth z_m, with the extent D of the antennas."""
+    grid = echoes.grid
+    extent_m = max(np.ptp(leg.position_m, axis=0).max() for leg in echoes.aperture.legs)
+    per_m = PER_CELL * 2 * extent_m * echoes.frequencies_hz[0] / SPEED_OF_LIGHT_M_S / z_m
+    axes = grid.x_m, grid.y_m
+    every = [max(1, round(len(axis) / max(1, per_m * np.ptp(axis)))) for axis in axes]
+    return PixelGrid(grid.x_m[:: every[0]], grid.y_m[:: every[1]])
 
 
 def path_gradient_z(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:

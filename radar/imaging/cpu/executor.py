@@ -34,15 +34,15 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
-        node, leaves = plan.cell(group[0]), group[1]
+        node, (leaves, stacked) = plan.cell(group[0]), plan.stack(where.leaf[group[1]].tolist())
         gather(
             to_child(root, plan.top_node.turns_per_m, *node.step),
             node.turns_per_m,
-            plan.stack(where.leaf[leaves].tolist()),
+            stacked,
             plan.passes,
             plan.reference_m,
             where.points_m,
-            where.starts[leaves.start : leaves.stop + 1],
+            where.starts[np.searchsorted(where.leaf, [*leaves, leaves[-1] + 1])],
             images,
         )
 
@@ -151,7 +151,7 @@ def _upsample(
         for start in range(0, block.shape[2], at_once):
             piece = block[:, :, start : start + at_once]
             re, im = (
-                (of_z @ plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece
+                np.dot(of_z, plane.reshape(nz, -1)).reshape(-1, *plane.shape[1:]) for plane in piece
             )
             keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
 

@@ -50,6 +50,8 @@ def gather(  # type: ignore[no-untyped-def]
         leaves.legs
     )
     for i in range(len(leaves.counts)):
+        if starts[i] == starts[i + 1]:
+            continue
         k, a, b = leaves.counts[i, 0], leaves.counts[i, 1], leaves.counts[i, 2]
         below = inner_to_child(
             samples,

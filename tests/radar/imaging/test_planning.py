@@ -11,13 +11,14 @@ from tests.radar.samples import noise, relative_error
 from tests.refusals import refuse
 
 
-@pytest.mark.parametrize("tones, exact", [(2, True), (128, False)])
-def test_a_surface_is_summed_exactly_at_few_tones_and_planned_at_many(tones, exact):
-    """2000 points on 60 mm × 60 mm: at two tones their exact sum costs less than the plan of their
-    leaves. The direct sum in float64 is met by float32 to 1e-5, by a plan to its tolerance."""
-    x_m, y_m = np.random.default_rng(0).uniform(-0.03, 0.03, (2, 2000))
+@pytest.mark.parametrize("points, exact", [(200, True), (2000, False)])
+def test_few_points_are_summed_exactly_and_many_planned(points, exact):
+    """On 60 mm × 60 mm at two tones: the plan of the leaves costs as much as the exact sums of 40
+    images of 200 points, or of 4 of 2000. The direct sum in float64 is met by float32 to 1e-5, by a
+    plan to its tolerance."""
+    x_m, y_m = np.random.default_rng(0).uniform(-0.03, 0.03, (2, points))
     points_m = np.stack([x_m, y_m, 0.3 + 0.2 * x_m], axis=1)
-    tones_hz, samples = np.linspace(72e9, 82e9, tones), noise((tones, 94, 94))
+    tones_hz, samples = np.array([72e9, 82e9]), noise((2, 94, 94))
     image = image_points(samples, tones_hz, qar50(), points_m, 1e-2)
     error = relative_error(image[:50], direct_sum(samples, tones_hz, qar50(), points_m[:50]))
     assert (error < 1e-5) == exact
