@@ -8,8 +8,7 @@ it.
 
 import random
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -79,32 +78,34 @@ def run(
         processes = process_count(sum(one.meshed for one in [*opened, *targets]))
         progress.abreast = None if scheduler else processes
         with executor(processes, scheduler) as engine.executor:
-            prepared, rig = prepare(engine, bench, opened, targets)
+            made = prepare(engine, bench, opened, targets)
             progress.reach(shared)
-            captures = [one.capture for one in prepared]
+            captures = [one.capture(engine.work) for one in opened if one.name in made["inspect"]]
             qualities = measure_groundtruth(engine, bench, captures)
             images = image(engine, bench, base, captures)
             progress.reach(shared + timed)
-            surfaces = find_references(engine, prepared, rig.transform)
+            registration = load_registration(engine.work, made["calibrate"])
+            surfaces = find_references(engine, captures, made["mesh"], registration)
             scores = score(engine, bench, captures, images, surfaces)
         progress.reach(progress.total)
-        warnings = {one.capture.name: one.warnings for one in prepared if one.warnings}
+        warnings = read_warnings(engine.work, captures, made["inspect"])
         warnings |= method_warnings(
-            (stage.method, made / DEPTH) for stage, made in images if stage.name == "reconstruct"
+            (stage.method, image / DEPTH) for stage, image in images if stage.name == "reconstruct"
         )
         facts = {"warnings": warnings, "command": command, "refined_transforms": refined(surfaces)}
-        if rig.transform is not None:
-            facts |= registration_facts(rig.transform, rig.targets[0])
+        rigs = [target.capture(engine.work) for target in targets]
+        if registration is not None:
+            facts |= registration_facts(registration, rigs[0])
         outcome = RunOutcome(
             bench=bench,
             captures=captures,
-            targets=rig.targets,
+            targets=rigs,
             engine=engine,
             images=by_pair(images),
             qualities=qualities,
             references={name: tuple(of) for name, of in surfaces.items()},
             scores=scores,
-            meshes={p.capture.name: p.mesh.folder(engine.work) for p in prepared if p.mesh},
+            meshes={name: mesh.folder(engine.work) for name, mesh in made["mesh"].items()},
             facts={name: fact for name, fact in facts.items() if fact},
         )
         write(folder, outcome, config)
@@ -137,73 +138,62 @@ def _require_same(folder: Path, config: str, overwrite: bool) -> None:
         )
 
 
-@dataclass
-class Prepared:
-    """A capture before its imaging: warnings of likely mistakes, and the stage that made the
-    surface of its photographs."""
-
-    capture: RunCapture
-    warnings: Sequence[str] = ()
-    mesh: Stage | None = None
-
-
-@dataclass
-class Rig:
-    """Camera and radar: captures of the calibration target, and the transform from the photo frame
-    to the radar frame (None without a calibration)."""
-
-    targets: list[RunCapture] = field(default_factory=list)
-    transform: Transform | None = None
-
-
 def prepare(
     engine: Engine, bench: BenchFile, opened: Sequence[Opened], targets: Sequence[Opened]
-) -> tuple[list[Prepared], Rig]:
+) -> dict[str, dict[str, Stage]]:
     """Simulate and inspect captures, reconstruct the photographs that are needed, and register
-    camera and radar by the calibration target. A capture that cannot be simulated is left out.
-    Raises HandbenchError if the calibration fails."""
-    rig, prepared = Rig(), dict[str, Prepared]()
-    registration = registered(engine, bench, targets, rig)
-    chains = [preparation(engine, bench, one, prepared) for one in opened]
-    engine.follow([registration, *chains], essential=[registration])
-    return [prepared[one.name] for one in opened if one.name in prepared], rig
+    camera and radar by the calibration target. Returns the stages that are finished: name → capture
+    → stage. Raises HandbenchError if the calibration fails."""
+    registration = registration_stages(engine.work, bench, targets)
+    chains = [registration, *(capture_stages(engine, bench, one) for one in opened)]
+    made = defaultdict[str, dict[str, Stage]](dict)
+    for stage in engine.follow(chains, essential=[registration]):
+        made[stage.name][stage.capture] = stage
+    return made
 
 
-def preparation(
-    engine: Engine, bench: BenchFile, opened: Opened, prepared: dict[str, Prepared]
-) -> Chain:
+def capture_stages(engine: Engine, bench: BenchFile, opened: Opened) -> Chain:
     """Yield the stages that precede the imaging of a capture, each when those before it are
-    finished. What they made is entered in `prepared`, by the capture's name."""
+    finished."""
     yield from opened.simulation
     capture = opened.capture(engine.work)
-    made = prepared[capture.name] = Prepared(capture)
     asked = {"capture": capture.input, "frames": capture.frames}
-    inspection = Stage(inspect_capture, asked, capture.name)
-    yield inspection
-    file = inspection.folder(engine.work) / INSPECTION
-    made.warnings = read_json(file, "warnings")["warnings"]
+    yield Stage(inspect_capture, asked, capture.name)
     if opened.meshed:
-        quality = bench.groundtruth.quality
-        sparse, dense, mesh = photo_stages(engine.work, capture, quality, bench.seed)
-        yield from (sparse, dense, mesh)
-        made.mesh = mesh
+        with engine.attempt(capture.name, "photographs"):
+            yield from photo_stages(engine.work, capture, bench.groundtruth.quality, bench.seed)
 
 
-def registered(engine: Engine, bench: BenchFile, opened: Sequence[Opened], rig: Rig) -> Chain:
+def registration_stages(work: Path, bench: BenchFile, targets: Sequence[Opened]) -> Chain:
     """Yield the stages that register camera and radar by the clouds of the calibration target, each
-    when those before it are finished. What they made is entered in `rig`."""
-    clouds = list[Input]()
-    for one in opened:
-        yield from one.simulation
-        rig.targets.append(target := one.capture(engine.work))
-        sparse, dense, _ = photo_stages(engine.work, target, TARGET_QUALITY, bench.seed)
+    when those before it are finished. work: folder of all stages."""
+    arguments: dict[str, list[Input]] = {"captures": [], "clouds": []}
+    for opened in targets:
+        yield from opened.simulation
+        target = opened.capture(work)
+        sparse, dense, _ = photo_stages(work, target, TARGET_QUALITY, bench.seed)
         yield from (sparse, dense)
-        clouds.append(dense.output(engine.work, CLOUD))
-    if opened:
-        arguments = {"captures": [target.input for target in rig.targets], "clouds": clouds}
-        calibration = Stage(calibrate, arguments, rig.targets[0].name, shares=True)
-        yield calibration
-        rig.transform = load_transform(calibration.folder(engine.work) / REGISTRATION)
+        arguments["captures"].append(target.input)
+        arguments["clouds"].append(dense.output(work, CLOUD))
+    if targets:
+        yield Stage(calibrate, arguments, targets[0].name, shares=True)
+
+
+def load_registration(work: Path, made: Mapping[str, Stage]) -> Transform | None:
+    """Read the transform from the photo frame to the radar frame; None without a calibration.
+    made: target → the stage that made it."""
+    files = [stage.folder(work) / REGISTRATION for stage in made.values()]
+    return load_transform(files[0]) if files else None
+
+
+def read_warnings(
+    work: Path, captures: Sequence[RunCapture], made: Mapping[str, Stage]
+) -> dict[str, list[str]]:
+    """Read the warnings of likely mistakes: capture → texts, for those that have some.
+    made: capture → the stage that inspected it."""
+    files = {c.name: made[c.name].folder(work) / INSPECTION for c in captures}
+    warnings = {name: read_json(file, "warnings")["warnings"] for name, file in files.items()}
+    return {name: texts for name, texts in warnings.items() if texts}
 
 
 def photo_stages(work: Path, capture: RunCapture, quality: Quality, seed: int) -> PhotoStages:
@@ -298,18 +288,20 @@ def imaging_stages(
 
 
 def find_references(
-    engine: Engine, prepared: Sequence[Prepared], registration: Transform | None
+    engine: Engine,
+    captures: Sequence[RunCapture],
+    meshes: Mapping[str, Stage],
+    registration: Transform | None,
 ) -> dict[str, dict[str, Surface]]:
     """Find for each capture the surfaces with which its depth maps are compared: capture →
     reference → surface. A capture without any is recorded as a failure.
-    registration: transform from the photo frame to the radar frame, for captures that have none."""
+    meshes: capture → stage that made a mesh of its photographs. registration: transform from the
+    photo frame to the radar frame, for captures that have none."""
     failed = {failure.capture for failure in engine.failures if not failure.method}
     surfaces: dict[str, dict[str, Surface]] = {}
-    for one in prepared:
-        capture = one.capture
-        if not capture.accurate or capture.name in failed:
-            continue
-        made = None if one.mesh is None else one.mesh.output(engine.work, MESH)
+    for capture in (c for c in captures if c.accurate and c.name not in failed):
+        mesh = meshes.get(capture.name)
+        made = None if mesh is None else mesh.output(engine.work, MESH)
         with engine.attempt(capture.name, "references"):
             surfaces[capture.name] = references(capture, registration, made)
     return surfaces
