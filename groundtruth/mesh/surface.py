@@ -31,6 +31,10 @@ class Surface:
     observed: np.ndarray
     velocity_m_s: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        counts = f"{len(self.vertices_m)} vertices, {len(self.faces)} triangles"
+        return f"<handbench.Surface: {counts}>"
+
     @property
     def mesh(self) -> TriangleMesh:
         """The triangles as an Open3D mesh."""

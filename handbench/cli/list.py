@@ -53,7 +53,7 @@ def _print_lines(section: str, entries: list[Entry]) -> None:
     name, summary, note = (
         max(map(len, texts)) for texts in zip(*(e[:3] for e in entries), strict=True)
     )
-    room = min(summary, get_terminal_size().columns - name - note - 6)
+    room = max(min(summary, get_terminal_size().columns - name - note - 6), 1)
     print_lines(section)
     for entry in entries:
         text = textwrap.shorten(entry.summary, room, placeholder="…")

@@ -6,7 +6,7 @@ import pytest
 
 from handbench.bench.datasets.simulated import WRITTEN
 from handbench.cli.options import free_folder
-from tests.refusals import refuse, refuse_command
+from tests.refusals import refuse
 
 
 @pytest.mark.parametrize(
@@ -20,10 +20,3 @@ def test_a_file_that_the_user_added_is_named_and_kept(small_result, tmp_path, na
     (capture / name).write_text("mine")
     refuse(lambda: free_folder(capture, True, WRITTEN), str(capture), name)
     assert (capture / name).read_text() == "mine"
-
-
-def test_a_recorded_capture_is_no_simulated_one(small_bench, tmp_path):
-    (tmp_path / "echoes.h5").write_text("mine")
-    scene = str(small_bench.parent / "ball.toml")
-    refuse_command(["simulate", scene, "-o", str(tmp_path), "--overwrite"], str(tmp_path))
-    assert (tmp_path / "echoes.h5").read_text() == "mine"
