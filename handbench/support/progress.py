@@ -152,14 +152,14 @@ def _lines(work: Work) -> Iterator[None]:
     10 s (PLAIN_INTERVAL_S), if it says something new."""
     ended = threading.Event()
 
-    def print_lines() -> None:
+    def print_progress() -> None:
         printed = ""
         while not ended.wait(PLAIN_INTERVAL_S):
             if (line := work.line()) != printed:
                 say(line)
                 printed = line
 
-    printer = threading.Thread(target=print_lines, daemon=True)
+    printer = threading.Thread(target=print_progress, daemon=True)
     printer.start()
     try:
         yield

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.benchmarks.benchmark_file import load_benchmark
+from handbench.bench.benchmarks.benchmark_file import DataSet, load_benchmark
 from handbench.bench.validation.inspection import inspect
+from handbench.support.files import real
 from tests.refusals import refuse
 
 HAND = 'scene = "hand.toml"'
@@ -74,3 +75,14 @@ def test_what_does_not_fit_its_scene_is_named(tmp_path, capture, places):
     """Such as persons of a ball, and one person twice."""
     lines = inspect(written(tmp_path, capture, 'id = "2fsk"')).lines
     assert any(all(place in line for place in places) for line in lines), lines
+
+
+def test_data_may_lie_elsewhere(tmp_path):
+    """Beside the benchmark's folder, at an absolute path, or behind a link."""
+    (folder := tmp_path / "F" / "a").mkdir(parents=True)
+    (folder / "capture.toml").write_text('version = 1\nname = "a"\n')
+    (base := tmp_path / "bench").mkdir()
+    (base / "link").symlink_to(tmp_path / "F")
+    for path in ("../F", str(tmp_path / "F"), "link"):
+        [source] = DataSet(path=path).sources(base)
+        assert real(base, source.path or "", "") == folder
