@@ -52,6 +52,7 @@ def test_a_transform_file_comes_back(tmp_path, rng, unknowns):
     assert loaded.require("photo", "radar", "t.json") is loaded
     np.testing.assert_equal([loaded.matrix, loaded.covariance], [saved.matrix, covariance])
     assert loaded.residuals_m == (1e-4, 2e-4)
+    assert loaded.inverse().require("radar", "photo", "").inverse().source == "photo"
     keys = {"from", "to", "matrix", "scale", "covariance", "residuals_m", "refined"}
     assert json.loads((tmp_path / "t.json").read_text()).keys() == keys
 

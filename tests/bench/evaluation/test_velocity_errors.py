@@ -12,6 +12,7 @@ import pytest
 
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.evaluation.tables import SCORES, read
+from handbench.bench.evaluation.velocity_errors import mean_speed_m_s
 from handbench.bench.pipeline.score import reference_of_file, score
 from handbench.bench.stages.reconstruct import DEPTH, TIMING, write_frames
 from handbench.bench.stages.score import SCORED, score_capture
@@ -80,7 +81,10 @@ def test_intervals_and_limit(tmp_path):
 def test_without_velocities_there_are_no_figures(tmp_path):
     """A simulator's surface without velocities is at rest."""
     assert figures(seen(None), plate(tmp_path / "a.ply")) == {}
-    at_rest = figures(seen(0.003), plate(tmp_path / "b.ply", moves=False))
+    resting = plate(tmp_path / "b.ply", moves=False)
+    measured = reference_of_file(resting, identity("radar"), PixelGrid(AXIS_M, AXIS_M), exact=False)
+    assert mean_speed_m_s(measured) is None
+    at_rest = figures(seen(0.003), resting)
     assert at_rest["velocity_mae_mm_s"] == pytest.approx(3)
 
 

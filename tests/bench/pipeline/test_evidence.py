@@ -9,6 +9,7 @@ from handbench.bench.pipeline.image import image, prepare
 from handbench.bench.validation.checks import CHANNELS, warnings_of
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.methods.evidence import tone_problems
 from handbench.radar.methods.registry import method
 from tests.radar.simulated_points import TONES_HZ, around, exact_capture
 from tests.refusals import refuse
@@ -71,6 +72,12 @@ def test_echoes_without_depth_are_refused(name, tones, array, change, place):
     if change is not None:
         capture = changed(capture, change)
     refuse(lambda: prepare(capture, method(name), settings), place)
+
+
+def test_tones_of_equal_means_are_no_copies():
+    samples = exact_capture(POINT_M, array=SOME).samples[0]
+    samples[2] = samples[0, [1, 0, *range(2, len(SOME.tx_m))]]
+    assert not list(tone_problems(samples, TONES_HZ[: len(samples)]))
 
 
 def test_what_the_antennas_cannot_resolve_is_uncertain():

@@ -14,7 +14,6 @@ from handbench.calibration.spheres.description import default_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.radar.data.echoes_file import save_capture
-from tests.calibration.seen_target import search_coarsely
 from tests.calibration.spheres.test_balls import capture, centres
 from tests.calibration.spheres.test_spheres import scene
 from tests.refusals import refuse
@@ -31,9 +30,8 @@ def target_folder(folder: Path, target=TARGET_MADE) -> Path:
 
 
 @pytest.mark.slow
-def test_a_cloud_and_echoes_give_the_transform(tmp_path, monkeypatch):
+def test_a_cloud_and_echoes_give_the_transform(tmp_path):
     """0.1 mm at every element: spheres are good for 0.02 mm, balls for 0.03 mm each."""
-    search_coarsely(monkeypatch)
     rng, target = np.random.default_rng(20240607), TARGET_MADE
     points_m, normals, photo_m = scene(rng, target, 0.35)
     radar_m = centres(rng, target)

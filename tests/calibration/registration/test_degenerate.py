@@ -160,7 +160,7 @@ MIRRORED = FIVE * [1, 1, -1] @ Rotation.from_rotvec([0.3, -1.1, 2.0]).as_matrix(
         (RECTANGLE, RECTANGLE, 1e-8, "number 24,"),
         (WITH_ONE_BESIDE, WITH_ONE_BESIDE, 1e-2, "6 common elements"),
         (WITH_ONE_BESIDE, WITH_ONE_BESIDE + 0.03 * np.eye(6, 3, -5), 1e-8, "its 6 pairs"),
-        (SOLID[:4], SOLID[:4] + 0.05 * np.eye(4, 3, -3), 1e-8, "its 4 pairs"),
+        (SOLID[:4], SOLID[:4] + 0.05 * np.eye(4, 3, -3), 1e-8, "pair 4 25.1"),
         (FIVE, MIRRORED, 1e-8, "5 of 5 pairs"),
     ],
 )

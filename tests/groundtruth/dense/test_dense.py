@@ -4,8 +4,9 @@ form."""
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.dense.dense import depth_maps
+from handbench.groundtruth.dense.dense import choose_sources, depth_maps
 from handbench.groundtruth.dense.fusion import fuse
 from tests.groundtruth import ball
 
@@ -17,6 +18,13 @@ def maps():
 
 def test_depths_and_fused_points_are_right_where_they_are_given(maps):
     ball.check(maps, known=0.6, rim=0.6, angle_deg=6, points=3000)
+
+
+def test_a_source_at_a_useful_angle_is_better_than_a_nearer_one():
+    """2° are worth e^(−(10/6)²/2), 25 %, and 20° e^(−(8/25)²/2), 95 %."""
+    turns = Rotation.from_euler("y", [[0], [2], [20]], degrees=True).as_matrix()
+    views = [ball.view(f"{i}", R) for i, R in enumerate(turns)]
+    assert choose_sources(views, np.ones((1, 3), bool), np.zeros((1, 3)))[0] == [2, 1]
 
 
 def test_twelve_cameras_30_degrees_apart_see_all_around_the_sphere():

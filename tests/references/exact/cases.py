@@ -31,17 +31,12 @@ def _fingers(*x_m: float) -> tuple[Cylinder, ...]:
     return tuple(Cylinder(x, 0.29, 8e-3) for x in x_m)
 
 
-def _before_palm(x_m: float) -> tuple[Cylinder, ...]:
-    """A finger at x_m, and a palm at x = 0, 34 mm behind the finger's axis."""
-    return Cylinder(x_m, 0.265, 8e-3), Cylinder(0.0, 0.324, 25e-3)
-
-
 SCENES: dict[str, tuple[Shape, ...]] = {
     "one finger": _fingers(0.0),
     "fingers 6 mm apart": _fingers(-11e-3, 11e-3),
     "four fingers": _fingers(-27e-3, -9e-3, 9e-3, 27e-3),
-    "finger before palm": _before_palm(0.0),
-    "finger before palm, 12 mm aside": _before_palm(12e-3),
+    # the palm 34 mm behind the finger's axis
+    "finger before palm": (Cylinder(0.0, 0.265, 8e-3), Cylinder(0.0, 0.324, 25e-3)),
     "sphere of 10 mm": (CoatedSphere((0.0, 0.0, 0.29), 10e-3),),
 }
 

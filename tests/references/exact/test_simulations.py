@@ -43,10 +43,8 @@ TWICE = (*ONCE, "multipath")
 BOUNDS = (  # scene, material, effects; at most: echo error, mean mm of 2-FSK and 3-FSK
     ("one finger", "skin", ONCE, 0.056, 0.12, 0.044),
     ("finger before palm", "skin", TWICE, 0.17, 0.76, 0.22),
-    ("finger before palm, 12 mm aside", "metal", TWICE, 0.22, 3.3, 1.1),
     # without bounces 3-FSK is 0.93 mm off; waves that bounce more often make up the echo error
     ("fingers 6 mm apart", "skin", TWICE, 0.18, 0.33, 0.22),
-    ("sphere of 10 mm", "metal", ONCE, 0.059, 0.076, 0.052),
     ("sphere of 10 mm", "skin", ONCE, 0.054, 0.044, 0.035),
     ("sphere of 10 mm", "palm", ONCE, 0.13, 0.21, 0.17),
 )
