@@ -173,9 +173,11 @@ def _workers(scheduler: str) -> dict[str, Any]:
     """Ask a Dask scheduler for its workers: address → facts. Raises HandbenchError if no scheduler
     answers."""
     from distributed.core import rpc
+    from distributed.security import Security
 
     async def identity() -> dict[str, Any]:
-        async with rpc(scheduler) as remote:
+        security = Security().get_connection_args("client")  # certificates that Dask is set to use
+        async with rpc(scheduler, connection_args=security) as remote:
             return await remote.identity()
 
     try:

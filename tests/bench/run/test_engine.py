@@ -65,19 +65,25 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
         assert "in act" in str(caught.value.__cause__)
 
 
-def test_stages_run_beside_each_other_and_imaging_alone(beside, tmp_path):
-    cores, engine = os.sched_getaffinity(0), engine_of(tmp_path / "work", beside)
-    images, meshes = stages_of("f", "u", shares=False), stages_of(*"abcd")
-    folders = [*engine.perform(meshes).values(), *engine.perform(images).values()]
-    *of_meshes, first, last = [read_json(folder / SPAN, "a span") for folder in folders]
-    assert len({pid for _, _, pid, _ in of_meshes}) == COUNT, "a process for each core"
-    assert {threads for *_, threads in of_meshes} == {max(workers() // COUNT, 1)}, "its share"
-    for image in (first, last):
-        began_s, ended_s, pid, threads = image
-        assert pid == os.getpid() and threads == workers()
-        others = [span for span in (first, *of_meshes, last) if span is not image]
-        assert all(other[1] <= began_s or other[0] >= ended_s for other in others), "alone"
-    assert os.sched_getaffinity(0) == cores, "this process keeps its cores"
+def test_stages_run_beside_each_other_and_imaging_here(beside, tmp_path):
+    engine = engine_of(tmp_path / "work", beside)
+    stages = [*stages_of(*"abcd"), *stages_of("f", shares=False)]
+    *meshes, image = [
+        read_json(folder / SPAN, "a span") for folder in engine.perform(stages).values()
+    ]
+    assert len({pid for pid, _ in meshes}) == COUNT, "a process for each core"
+    assert {threads for _, threads in meshes} == {max(workers() // COUNT, 1)}, "its share"
+    assert image == [os.getpid(), workers()], "this process keeps its cores"
+
+
+def test_chains_overlap_and_each_keeps_its_order(beside, tmp_path):
+    """The second stage of a short chain begins while the first of another one is at work."""
+    engine = engine_of(tmp_path / "work", beside)
+    long, short = iter(stages_of("slow", "a")), iter(stages_of("b", "c", "d"))
+    ended = [stage.capture for stage in engine.follow([long, short])]
+    assert sorted(ended) == ["a", "b", "c", "d", "slow"]
+    assert ended.index("c") < ended.index("slow") < ended.index("a")
+    assert ended.index("b") < ended.index("c") < ended.index("d")
 
 
 def test_one_chain_or_too_little_memory_starts_no_process(monkeypatch):
