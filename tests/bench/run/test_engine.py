@@ -76,6 +76,7 @@ def test_stages_run_beside_each_other_and_imaging_here(beside, tmp_path):
     assert image == [os.getpid(), workers()], "this process keeps its cores"
 
 
+@pytest.mark.skipif(COUNT < 2, reason="one core has one process")
 def test_chains_overlap_and_each_keeps_its_order(beside, tmp_path):
     """The second stage of a short chain begins while the first of another one is at work."""
     engine = engine_of(tmp_path / "work", beside)
