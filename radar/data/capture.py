@@ -138,8 +138,10 @@ def fitting_unit(frequency_hz: float) -> tuple[float, str]:
 def as_complex64(samples: np.ndarray) -> np.ndarray:
     """Convert samples to complex64. Raises HandbenchError if complex64 cannot hold their largest
     real or imaginary part: above LOUDEST, or below QUIETEST but not 0."""
+    if samples.dtype == np.complex64:
+        return np.ascontiguousarray(samples)
     largest = largest_part(samples)
-    if samples.dtype != np.complex64 and (LOUDEST < largest < np.inf or 0 < largest < QUIETEST):
+    if LOUDEST < largest < np.inf or 0 < largest < QUIETEST:
         raise HandbenchError(
             f"samples: the largest has the magnitude {largest:.3g}; expected {QUIETEST:g} to "
             f"{LOUDEST:g}; multiply all samples by a constant"

@@ -34,19 +34,18 @@ def window_mean(
     weight: np.ndarray | None = None,
 ) -> np.ndarray:
     """Average values [n] of the pixels (rows [n], columns [n]) over a window of size_px × size_px
-    around each, with weights [n] (None: equal ones): [n]. Each window is summed by itself, since a
-    running sum would carry the rounding errors of strong pixels to weak ones."""
-    from scipy.ndimage import correlate1d  # which settings do not need
+    around each, with weights [n] (None: equal ones): [n]."""
+    from handbench.radar.methods.windows import window_sums  # numba
 
-    places = tuple(place - place.min() for place in pixels)
+    rows, columns = (place - place.min() for place in pixels)
     weight = np.ones(len(values)) if weight is None else (weight / weight.max()).astype(np.float64)
     offset = values.mean()  # keeps the sums small, so that they lose no digits
-    maps = np.zeros((2, *(place.max() + 1 for place in places)))
-    maps[0][places], maps[1][places] = weight * (values - offset), weight
-    for axis in (1, 2):
-        maps = correlate1d(maps, np.ones(size_px), axis, mode="constant")
+    ny, nx = rows.max() + size_px, columns.max() + size_px
+    maps, sums = np.zeros((2, ny, nx)), np.zeros((2, len(values)))
+    maps[:, rows + size_px // 2, columns + size_px // 2] = weight * (values - offset), weight
+    window_sums(maps, rows, columns, size_px, np.empty((ny, nx - size_px + 1)), sums)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(offset + maps[0][places] / maps[1][places])
+        return np.asarray(offset + sums[0] / sums[1])
 
 
 def thinned(echoes: FskEchoes, z_m: float) -> PixelGrid:
