@@ -28,7 +28,6 @@ SAME_M = 1e-5  # vectors from transmitter to receiver that agree to this are tho
 MOST = 256  # tones and channels from which is estimated
 FINE = 32  # steps of a range profile in a range cell
 NEAR_M = 1e-3  # peaks farther from their fit count less
-TINY = 1e-30  # below any tone
 HALF = 0.5  # largest share of the power that the point may leave unexplained
 FARTHER = np.array([1, 2, 2, 2])  # of the value and the place of a point at twice the distance
 LEAST_BEND = 1 / 16  # of the range from there, in wavelengths: half the power then remains
@@ -93,7 +92,7 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
 
     tones_hz = capture.vacuum_hz
     samples = capture.samples[0].reshape(len(tones_hz), -1).astype(complex)
-    live = np.flatnonzero(samples.any(axis=0))
+    heard, live = (np.flatnonzero(samples.any(axis=axis)) for axis in (1, 0))
     if len(unknown) != 1 or np.ptp(tones_hz) == 0 or len(live) == 0:
         raise HandbenchError(
             f"unknown: is {' and '.join(unknown) or 'empty'}, and {len(live)} channels have "
@@ -101,11 +100,10 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
             "several tones"
         )
     stretched = "scan_step" in unknown
-    tones, some = (np.random.default_rng(0).permutation(n)[:MOST] for n in (len(tones_hz), live))
+    tones, some = (np.random.default_rng(0).permutation(n)[:MOST] for n in (heard, live))
     samples = samples[tones][:, some]
     # each tone counts as much: the strongest alone would tell no range
-    samples /= np.maximum(np.linalg.norm(samples, axis=1, keepdims=True), TINY)
-    samples /= np.linalg.norm(samples)
+    samples /= np.linalg.norm(samples, axis=1, keepdims=True) * np.sqrt(len(samples))
     waves = 4j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[tones]
     ends_m = np.array(channel_ends(capture.aperture))[:, some]
     moves_m = scan_moves_m(capture.aperture)[some] if stretched else 0
@@ -132,7 +130,6 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
             f"and its range bends by {1e3 * bend_m:.2g} mm; record one small metal ball before a "
             "wide aperture, and subtract the background"
         )
-    found = {"scan_step": 1 + fit.x[0]}
-    if not stretched:
-        found = {"range_offset_m": np.unwrap([0, fit.x[0]], period=period_m)[1]}
-    return parse(Corrections, found, "echoes")
+    if stretched:
+        return parse(Corrections, {"scan_step": 1 + fit.x[0]}, "echoes")
+    return Corrections(range_offset_m=np.unwrap([0, fit.x[0]], period=period_m)[1])

@@ -112,7 +112,7 @@ class TransformFile(Config):
     source: str = Field(alias="from")
     target: str = Field(alias="to")
     matrix: Matrix
-    scale: float | None = None
+    scale: float | None = Field(default=None, gt=0)
     covariance: Covariance | None = None
     residuals_m: Numbers = ()
     refined: str | None = None
@@ -177,28 +177,22 @@ def load_transform(path: str | Path) -> Transform:
     there is one, is symmetric and positive."""
     content = read_json(path, 'a transform file {"from", "to", "matrix", ...}')
     file = parse(TransformFile, content, str(path))
+    matrix = np.reshape(file.matrix, (4, 4))
     covariance = None if file.covariance is None else np.reshape(file.covariance, (6, 6))
     transform = Transform(
-        file.source,
-        file.target,
-        np.reshape(file.matrix, (4, 4)),
-        covariance,
-        file.residuals_m,
-        file.refined,
+        file.source, file.target, matrix, covariance, file.residuals_m, file.refined
     )
+    scale = transform.scale
     if (
-        not transform.scale > 0
+        not scale > 0
+        or abs((file.scale or scale) / scale - 1) > ROUNDING
         or np.abs(transform.rotation @ transform.rotation.T - np.eye(3)).max() > ROUNDING
-        or np.abs(transform.matrix[3] - [0, 0, 0, 1]).max() > 1e-12
+        or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12
     ):
         raise HandbenchError(
-            f"{path}: 'matrix' is not a rotation with one scale (it has a reflection or a shear, "
-            "or its last row is not [0, 0, 0, 1]); calibrate again"
-        )
-    if file.scale is not None and abs(file.scale / transform.scale - 1) > ROUNDING:
-        raise HandbenchError(
-            f"{path}: 'scale' is {file.scale:.9g}, but that of 'matrix' is {transform.scale:.9g}; "
-            "multiply the rotation in the matrix by the scale"
+            f"{path}: 'matrix' is not a rotation with one scale, its own {scale:.9g} and that of "
+            f"'scale' {file.scale}, or it has a reflection, a shear, or another last row than "
+            "[0, 0, 0, 1]; calibrate again"
         )
     if covariance is not None:
         largest = ROUNDING * np.abs(covariance).max()

@@ -18,6 +18,9 @@ from handbench.radar.methods.settings import MethodSettings
 from handbench.support.cost import setting
 from handbench.support.errors import HandbenchError
 
+OUTLYING = 8.0  # times the median distance from the middle: farther, an antenna is no part of it
+LEAST_M = 0.5  # from the middle, which antennas may be whatever the others are
+
 
 @dataclass(frozen=True)
 class ImagingTask:
@@ -93,7 +96,7 @@ def image(
 def require_near(echoes: RadarCapture) -> RadarCapture:
     """Return the capture unchanged. Raises HandbenchError if an antenna is further from the origin
     than the environment variable HANDBENCH_FARTHEST_M allows, which suggests positions in
-    millimetres."""
+    millimetres, or if one is far from all others, whose place is then most likely damaged."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
@@ -101,6 +104,14 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
             f"echoes: an antenna is {far_m:g} m from the origin; expected at most {farthest_m:g} "
             "m; if the positions are in millimetres, multiply them by 1e-3; if they are right, "
             "raise HANDBENCH_FARTHEST_M"
+        )
+    places_m = np.concatenate([leg.position_m for leg in echoes.aperture.legs])
+    away_m = np.linalg.norm(places_m - np.median(places_m, axis=0), axis=1)
+    if away_m.max() > (most_m := max(OUTLYING * np.median(away_m), LEAST_M)):
+        raise HandbenchError(
+            f"echoes: the antenna at {np.round(places_m[away_m.argmax()], 4).tolist()} m is "
+            f"{away_m.max():.2g} m from the middle of all; expected at most {most_m:.2g} m; "
+            "correct its position, or copy the file again"
         )
     return echoes
 

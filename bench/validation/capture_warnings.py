@@ -21,6 +21,7 @@ from handbench.bench.validation.mistakes import (
     conjugation_warnings,
     error_mm,
     order_warnings,
+    step_warnings,
 )
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
@@ -89,6 +90,7 @@ def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
     if plain or not echoes.samples[0].any():
         return  # all that follows would be about these
     yield from recorded.warnings()
+    yield from step_warnings(echoes)
     surface = recorded.surface()
     start_m = 0.0 if surface is None else float(np.median(surface.vertices_m[:, 2]))
     begun = {FIRST: start_m} if 0 < start_m < FAR_M else {}

@@ -14,6 +14,12 @@ import numpy as np
 
 from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.radar.data.depthmap import FLAGGED
+from handbench.radar.methods.evidence import (
+    channel_problems,
+    leakage_problems,
+    lost_problems,
+    pair_problems,
+)
 
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
@@ -85,45 +91,8 @@ def missing_frames(capture: RadarCapture, asked: int | None) -> Iterator[str]:
         yield f"has {count} of {asked} frames; check that the recording is complete"
 
 
-def samples(capture: RadarCapture) -> Iterator[str]:
-    """Check that nothing was lost on the way to the file, or hides the echoes."""
-    from handbench.radar.methods.evidence import leakage_problems, lost_problems
-
-    yield from lost_problems(capture)
-    yield from leakage_problems(capture)
-
-
-def channels(capture: RadarCapture) -> Iterator[str]:
-    """Check for frames without noise of their own, for tones that stand out, for dead and copied
-    tones, and for dead antennas, in the first frame that has any."""
-    from handbench.radar.methods.evidence import (
-        antenna_problems,
-        frame_problems,
-        level_problems,
-        tone_problems,
-    )
-
-    yield from frame_problems(capture.samples)
-    yield from level_problems(capture)
-    for frame, samples in enumerate(capture.samples):
-        tones = tone_problems(samples, capture.frequencies_hz) if samples.any() else ()
-        if dead := [*tones, *antenna_problems(capture, frame)]:
-            yield from (f"frame {frame}: {problem}" for problem in dead)
-            return  # further frames are likely to have the same
-
-
-def pairs(capture: RadarCapture) -> Iterator[str]:
-    """Check for antenna pairs that were not measured."""
-    measured = getattr(capture.aperture, "measured", None)
-    if measured is not None and not measured.all():
-        yield (
-            f"{(~measured).sum()} of its {measured.size} pairs of antennas were not measured; "
-            "images leave these out"
-        )
-
-
-ARRAY = (units_of_array, facing, samples)
-CHANNELS = (*ARRAY, channels, pairs)
+ARRAY = (units_of_array, facing, lost_problems, leakage_problems)
+CHANNELS = (*ARRAY, channel_problems, pair_problems)
 
 
 def lengths(about: CaptureFile) -> Iterator[str]:

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.bench.validation.checks import places_m
+from handbench.calibration.corrections import from_echoes
 from handbench.groundtruth.mesh.depth import depth_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
@@ -28,8 +29,8 @@ from handbench.support.errors import HandbenchError
 SHARPER_DB = 3.0
 # at most, of a kind and of a scan: more do not change which is sharpest
 ANTENNAS = 32
-POSITIONS = 400
-TONES = 32
+POSITIONS = 200
+TONES = 16
 # an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
 # the box imaged, in apertures: to either side, and along z from and to
@@ -39,6 +40,7 @@ FAR = 8.0
 PIXELS = 40
 DEPTHS = 50
 STRONGEST = 1500  # pixels that are compared, at most: those with the largest amplitudes
+WRONG_STEP = 0.05  # of a scan: what a point's range bends by otherwise, if it is known to 1e-3
 GOOD_MM = 1.0  # median error of an image that needs no correction
 NEAR_MM = 3.0  # of a corrected one, at most
 FALLEN = 3.0  # how many times smaller it must then be
@@ -57,6 +59,21 @@ def conjugation_warnings(capture: RadarCapture) -> Iterator[str]:
             f"the image of the conjugated echoes is {sharper_db:.0f} dB sharper; if the target is "
             f'within {FAR * max(across_m):.2g} m, conjugate the samples (sign = "+" in a '
             'mapping.toml, time = "-jwt" in echoes.h5)'
+        )
+
+
+def step_warnings(capture: RadarCapture) -> Iterator[str]:
+    """Yield a warning if the range of the first frame's strongest point bends over a scan as that
+    of a scan with another step does."""
+    try:
+        step = from_echoes(capture, ["scan_step"]).scan_step
+    except HandbenchError:  # no scan, or no single point
+        return
+    if abs(step - 1) > WRONG_STEP:
+        yield (
+            f"the range of its point bends over the scan as if the step were {step:.3g} times as "
+            "large; correct it, or, if an offset of the range causes this, write unknown = "
+            '["range_offset"] in capture.toml, and run `handbench calibrate --from-echoes`'
         )
 
 

@@ -178,6 +178,28 @@ def level_problems(capture: RadarCapture) -> Iterator[str]:
             )
 
 
+def channel_problems(capture: RadarCapture) -> Iterator[str]:
+    """Yield sentences for the user about frames without noise of their own, about tones that stand
+    out, and about dead and copied tones and dead antennas, in the first frame that has any."""
+    yield from frame_problems(capture.samples)
+    yield from level_problems(capture)
+    for frame, samples in enumerate(capture.samples):
+        tones = tone_problems(samples, capture.frequencies_hz) if samples.any() else ()
+        if dead := [*tones, *antenna_problems(capture, frame)]:
+            yield from (f"frame {frame}: {problem}" for problem in dead)
+            return  # further frames are likely to have the same
+
+
+def pair_problems(capture: RadarCapture) -> Iterator[str]:
+    """Yield a sentence for the user about antenna pairs that were not measured."""
+    measured = getattr(capture.aperture, "measured", None)
+    if measured is not None and not measured.all():
+        yield (
+            f"{(~measured).sum()} of its {measured.size} pairs of antennas were not measured; "
+            "images leave these out"
+        )
+
+
 def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
     """Yield sentences for the user about transmitters, receivers or scan positions that have no
     echo at any tone of a frame."""

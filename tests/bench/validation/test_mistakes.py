@@ -15,7 +15,7 @@ import pytest
 
 from handbench.bench.validation.checks import MAP, warnings_of
 from handbench.bench.validation.inspection import inspect
-from handbench.bench.validation.mistakes import conjugation_warnings
+from handbench.bench.validation.mistakes import conjugation_warnings, step_warnings
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
@@ -77,6 +77,13 @@ def placed(change: np.ndarray) -> Change:
     return place
 
 
+def placed_apart(capture: RadarCapture) -> RadarCapture:
+    """A bit of one coordinate is another one."""
+    tx_m = capture.aperture.tx_m.copy()
+    tx_m[3, 0] *= 16
+    return replace(capture, aperture=AntennaArray(tx_m, capture.aperture.rx_m))
+
+
 def swapped(capture: RadarCapture) -> RadarCapture:
     array = capture.aperture
     return replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
@@ -100,9 +107,11 @@ def cut(echoes: np.ndarray) -> np.ndarray:
     return echoes * written.reshape(echoes.shape)
 
 
+LOUD = np.where(np.arange(10) == 7, 18.0, 1.0)[:, None, None]
 ECHOES = {
     "no imaginary part": (samples(np.real), "imaginary"),
     "no sign": (samples(lambda echoes: np.abs(echoes.real) + 1j * echoes.imag), "signed"),
+    "a loud tone": (samples(lambda echoes: echoes * LOUD), "25 dB"),
     "leakage": (samples(lambda echoes: echoes + 500 * np.abs(echoes).max()), '"positions"'),
     "cut": (samples(cut), "3 %"),
     "twice": (samples(lambda echoes: np.concatenate([echoes, echoes])), "1 of 2 frames"),
@@ -113,6 +122,7 @@ ECHOES = {
     "swapped": (swapped, "exchange tx_m and rx_m"),
     "millimetres": (placed(1e3 * ONE), "1e-3"),
     "centimetres": (placed(1e2 * ONE), "wavelengths"),
+    "one antenna": (placed_apart, "-1.128"),
     "kilometres": (placed(1e-3 * ONE), "wavelengths"),
     "y and z": (placed(ONE[[0, 2, 1]]), "faces y"),
     "gigahertz": (tones(TONES_HZ / 1e9), "1e9"),
@@ -169,6 +179,17 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     for capture in (columns, scan, one):
         [text] = conjugation_warnings(conjugate(capture))
         assert list(conjugation_warnings(capture)) == [] and "conjugate" in text
+
+
+def test_a_scan_s_wrong_step_is_told_by_the_bend_of_its_point():
+    steps_m = np.mgrid[-0.12:0.12:13j, -0.12:0.12:13j, 0:1].reshape(3, -1).T
+    path_m = 2 * np.linalg.norm(steps_m - [0.02, 0.01, 0.3], axis=1)
+    tones_hz = BANDS_HZ["26 GHz"]
+    echoes = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)[None]
+    for factor in (1.0, 0.8):
+        scan = AntennaPairs(factor * steps_m, factor * steps_m)
+        capture = RadarCapture(echoes.astype(np.complex64), tones_hz, scan)
+        assert ["1.25" in text for text in step_warnings(capture)] == [True] * (factor < 1)
 
 
 def test_a_depth_map_that_fills_the_image_or_is_flagged_is_warned_of():
