@@ -88,11 +88,9 @@ class Capture:
         hz = echoes.frequencies_hz
         unit_hz, unit = fitting_unit(hz.max())
         shape = " × ".join(map(str, echoes.aperture.channels))
+        frames = "1 frame" if len(echoes.samples) == 1 else f"{len(echoes.samples)} frames"
         tones = f"{len(hz)} tones from {hz.min() / unit_hz:.4g} to {hz.max() / unit_hz:.4g} {unit}"
-        return (
-            f"<handbench.Capture {self.name}: {len(echoes.samples)} frames, {tones}, {shape} "
-            "channels>"
-        )
+        return f"<handbench.Capture {self.name}: {frames}, {tones}, {shape} channels>"
 
     @cached_property
     def echoes(self) -> RadarCapture:

@@ -121,7 +121,7 @@ def test_load_knows_files_by_what_they_are(ball, tmp_path):
     loaded = [hb.load(path) for path in (ball.folder, ball.truth, RESULT, file)]
     assert [type(one) for one in loaded] == [hb.Capture, hb.Surface, hb.RunResult, hb.Transform]
     assert "golden <b>: 2 captures" in repr(loaded[2])
-    assert "ball: 1 frames, 3 tones from 79.5 to 82 GHz, 94 × 94 channels" in repr(loaded[0])
+    assert "ball: 1 frame, 3 tones from 79.5 to 82 GHz, 94 × 94 channels" in repr(loaded[0])
 
 
 REFUSALS = [  # calls of a capture, its depth map and an empty folder, and the places that they name

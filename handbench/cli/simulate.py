@@ -49,7 +49,9 @@ def _simulate_benchmark(options: argparse.Namespace) -> None:
         if options.overwrite:
             free_folder(capture, True, WRITTEN)
     count = simulate_benchmark(str(options.scene), options.out, options.overwrite)
-    print_lines(f"{count} captures: handbench run {options.out / BENCH} -o RESULT")
+    print_lines(
+        f"{count} capture{'s' * (count > 1)}: handbench run {options.out / BENCH} -o RESULT"
+    )
 
 
 def _is_benchmark(path: Path) -> bool:

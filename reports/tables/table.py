@@ -9,6 +9,7 @@ import pandas as pd
 
 from handbench.bench.evaluation.front import figures as front_figures
 from handbench.bench.evaluation.front import front, ranked
+from handbench.bench.evaluation.intervals import counted
 from handbench.bench.evaluation.metrics import METRICS, Values, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import TREATMENTS, on_common_pixels
@@ -166,7 +167,7 @@ def differences(result: Result, main: bool = False) -> Table:
         "effect": lines.effect.map(lambda effect: number(effect, 2)),
     }
     caption = (
-        f"{'Main' if main else 'All'} pairs of methods on {len(result.scored())} captures; p is "
+        f"{'Main' if main else 'All'} pairs of methods on {counted(len(result.scored()))}; p is "
         "corrected for all pairs of a metric (Holm), effect: the difference over the standard "
         "deviation of the paired differences"
     )

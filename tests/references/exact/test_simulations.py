@@ -31,10 +31,6 @@ SPHERES = {
         CoatedSphere((-0.011, 0.0, 0.29), 8e-3),
         CoatedSphere((0.011, 0.0, 0.29), 8e-3),
     ),
-    "sphere_before_a_larger_one": (
-        CoatedSphere((0.004, 0.0, 0.265), 5e-3),
-        CoatedSphere((0.0, 0.0, 0.311), 12e-3),
-    ),
 }
 TONES_HZ = np.array([79.5e9, 82e9])
 FEW = AntennaArray(qar50().tx_m[::24], qar50().rx_m[::24])
@@ -92,13 +88,10 @@ def test_the_series_of_a_sphere_is_treams(name, coat):
     np.testing.assert_allclose(samples, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize(
-    ("name", "bound"), [("two_spheres", 0.13), ("sphere_before_a_larger_one", 0.4)]
-)
-def test_clusters_of_spheres(name, bound):
-    expected, tones_hz, array = treams(name)
-    samples = simulated(body(SPHERES[name], "skin"), tones_hz, array, *TWICE, "dielectric")
-    assert relative_error(samples, expected) < bound
+def test_two_spheres():
+    expected, tones_hz, array = treams("two_spheres")
+    samples = simulated(body(SPHERES["two_spheres"], "skin"), tones_hz, array, *TWICE, "dielectric")
+    assert relative_error(samples, expected) < 0.13
 
 
 def test_a_plate_s_edge():
