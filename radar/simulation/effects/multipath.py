@@ -115,10 +115,12 @@ class Bounces:
         face [m]. Returns for those that meet the body the indices of transmitter, mirror and face,
         the mirror's middle, and the direction after it."""
         middle_m, normal = mirrors[:, 0].mean(axis=1), unit(mirrors[:, 1].sum(axis=1))
-        ray, flat = unit(middle_m - tx_m[:, None]), self._flat_m2[face]
-        after = ray - 2 * _dots(ray, normal)[:, :, None] * normal
-        t, m = np.nonzero((_dots(ray, flat) < 0) & (_dots(after, flat) > 0))
-        start_m, after = middle_m[m], after[t, m]
+        flat = self._flat_m2[face]
+        down, tilted = (_dots(middle_m, to) - tx_m @ to.T for to in (flat, normal))
+        t, m = np.nonzero((down < 0) & (down > 2 * tilted * _dots(normal, flat)))
+        start_m, normal = middle_m[m], normal[m]
+        ray = unit(start_m - tx_m[t])
+        after = ray - 2 * _dots(ray, normal)[:, None] * normal
         distance, met = self._rays.first_hits(start_m + OWN_SURFACE_M * after, after)
         hit = np.isfinite(distance)
         return t[hit], m[hit], met[hit].astype(int), start_m[hit], after[hit]
@@ -211,38 +213,38 @@ def _cubes(points_m: np.ndarray, edge_m: float) -> np.ndarray:
     return np.floor(points_m / edge_m).astype(int) @ np.array([1, 1 << 20, 1 << 40])
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _vec(array):  # type: ignore[no-untyped-def]
     return array[0], array[1], array[2]
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _minus(a, b):  # type: ignore[no-untyped-def]
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _ahead(start, length, way):  # type: ignore[no-untyped-def]
     return start[0] + length * way[0], start[1] + length * way[1], start[2] + length * way[2]
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _dot(a, b):  # type: ignore[no-untyped-def]
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _cross(a, b):  # type: ignore[no-untyped-def]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _unit(a):  # type: ignore[no-untyped-def]
     scale = 1 / max(np.sqrt(_dot(a, a)), 1e-30)
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
-@njit(inline="always")
+@njit(**INNER)
 def _turned(ray, normal):  # type: ignore[no-untyped-def]
     """Return the direction of a ray after a mirror."""
     return _ahead(ray, -2 * _dot(ray, normal), normal)
@@ -326,12 +328,13 @@ def land(  # type: ignore[no-untyped-def]
             step = _dot(_minus(end, corner), normal) / falling
             edge, off = _minus(_ahead(corner, step, side), end), _minus(corner, start)
             agreement += _dot(off, edge) - _dot(off, after) * _dot(edge, after)
-            edges[i] = edge
-            shape[7 + 4 * i : 10 + 4 * i, n] = edge
+            for axis in range(3):  # arrays from tuples would take seconds to compile
+                edges[i, axis] = edge[axis]
+                shape[7 + 4 * i + axis, n] = edge[axis]
             shape[10 + 4 * i, n] = np.sqrt(_dot(way, way)) + step - distance - reach
         shape[0, n] = distance + reach - left_out_m[n]
-        shape[1:4, n] = end
-        shape[4:7, n] = normal
+        for axis in range(3):
+            shape[1 + axis, n], shape[4 + axis, n] = end[axis], normal[axis]
         growth = _minus(after, _unit(_minus(antenna, end)))
         growth = _ahead(growth, -_dot(growth, normal), normal)
         field[n] = 0
