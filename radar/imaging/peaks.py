@@ -22,14 +22,11 @@ def strongest_voxels(volume: Array, xp: Any = np) -> tuple[Array, Array]:
 
 
 @njit(**FAST)
-def strongest(re, im, index, magnitude):  # type: ignore[no-untyped-def]
-    """Find the strongest voxel along z for each pixel of a volume with real and imaginary parts re,
-    im [nz, ny, nx], float32.
-
-    The results are written to the other arguments: index [ny, nx] along z, and magnitude [3, ny,
-    nx] of the voxel before, at and behind the strongest.
-    """
+def strongest(re, im):  # type: ignore[no-untyped-def]
+    """Do what `strongest_voxels` does, for a volume with real and imaginary parts re, im [nz, ny,
+    nx], float32."""
     nz, ny, nx = re.shape
+    index, magnitude = np.empty((ny, nx), np.int64), np.empty((3, ny, nx), np.float32)
     best, where = np.empty(nx, np.float32), np.empty(nx, np.int32)
     for j in range(ny):
         best[:] = -1
@@ -51,3 +48,4 @@ def strongest(re, im, index, magnitude):  # type: ignore[no-untyped-def]
                     )
                 else:
                     magnitude[side, j, i] = np.nan
+    return index, magnitude

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -101,17 +101,9 @@ class Node:
 
     @cached_property
     def step(self) -> tuple[np.ndarray, ...]:
-        """Shifts and weights that make the parent's samples those of this box, for compiled code
+        """Shifts and weights that make the parent's samples those of this box
         (`radar.imaging.cpu.forward.to_child`)."""
         return (*self.shifts_m, self.tone_weights, *self.leg_weights)
-
-    @cached_property
-    def place(self) -> tuple[Any, ...]:
-        """Centre, tones and, for each leg, (lengths, positions) of its antennas, for compiled
-        code."""
-        positions = (leg.position_m for leg in self.legs)
-        legs = zip(self.lengths_m, positions, strict=True)
-        return (self.box.centre_m, self.turns_per_m, *legs)
 
 
 class NodeStack(NamedTuple):
@@ -128,6 +120,17 @@ class NodeStack(NamedTuple):
     turns_per_m: np.ndarray
     tone_weights: np.ndarray
     legs: tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], ...]
+
+    @property
+    def step(self) -> tuple[np.ndarray, ...]:
+        """Shifts and weights that make the parent's samples those of these boxes (`Node.step`)."""
+        (of_a, shift_a, _, _), (of_b, shift_b, _, _) = self.legs
+        return shift_a, shift_b, self.tone_weights, of_a, of_b
+
+    @property
+    def places(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """Lengths and positions of the antennas of both legs."""
+        return tuple((length_m, position_m) for _, _, length_m, position_m in self.legs)
 
 
 def stack(nodes: list[Node]) -> NodeStack:

@@ -11,10 +11,10 @@ from itertools import product
 import numpy as np
 
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.cpu.adjoint import radiate, to_parent
+from handbench.radar.imaging.cpu.adjoint import radiate
 from handbench.radar.imaging.cpu.exact import exact_images as exact_images
-from handbench.radar.imaging.cpu.forward import BLOCK, complex_samples, gather, planes, to_child
-from handbench.radar.imaging.cpu.steering import restore_carrier, take_carrier_out
+from handbench.radar.imaging.cpu.forward import BLOCK, gather, to_child, to_parent
+from handbench.radar.imaging.cpu.steering import restore_carrier
 from handbench.radar.imaging.peaks import strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import Node
@@ -22,6 +22,7 @@ from handbench.support.parallel import for_each, one_blas_thread
 
 Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
+LEAVES = 6  # whose samples are computed at once: they stay in the second-level cache
 ROWS = 16  # pixels along y of one piece of work
 
 
@@ -30,15 +31,23 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     keeps all tones, else [1, points], the sum of all tones. The images are in the order before
     sorting. samples: complex [f, t, r], or [f, n] of a scan."""
     with one_blas_thread():
-        root = to_child(planes(samples), plan.root_node.turns_per_m, *plan.top_node.step)
+        every = samples.astype(np.complex64).reshape(*samples.shape[:2], -1)
+        root = to_child(every, plan.root_node.turns_per_m, *plan.top_node.step)
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
-        node, (leaves, stacked) = plan.cell(group[0]), plan.stack(where.leaf[group[1]].tolist())
+        node, (leaves, stack) = plan.cell(group[0]), plan.stack(where.leaf[group[1]].tolist())
+        of_cell = to_child(root, plan.top_node.turns_per_m, *node.step)
+        below = [
+            to_child(of_cell, node.turns_per_m, *(part[i : i + LEAVES] for part in stack.step))
+            for i in range(0, len(stack.counts), LEAVES)
+        ]
         gather(
-            to_child(root, plan.top_node.turns_per_m, *node.step),
-            node.turns_per_m,
-            stacked,
+            np.concatenate(below),
+            stack.counts,
+            stack.centre_m,
+            stack.turns_per_m,
+            stack.places,
             plan.passes,
             plan.reference_m,
             where.points_m,
@@ -65,27 +74,23 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
 
     def work(cell: int) -> None:
         node = plan.cell(cell)
-        samples = np.zeros((), np.float32)
+        samples = np.zeros((), np.complex64)
         for i in range(len(where.leaf))[groups[cell]]:
             leaf, start, stop = plan.leaf(int(where.leaf[i])), where.starts[i], where.starts[i + 1]
             numbers = leaf.numbers[0], leaf.numbers[1]
-            inner = np.zeros((), np.float32)
+            inner = np.zeros((), np.complex64)
             for at in range(start, stop, BLOCK):
                 here = slice(at, min(at + BLOCK, stop))
                 points_m = np.ascontiguousarray(where.points_m[:, here])
-                scattered = points_m, *gains(here, numbers, leaf.turns_per_m)
-                inner = inner + radiate(*scattered, leaf.place, plan.passes, plan.reference_m)
+                of_points = gains(here, numbers, leaf.turns_per_m)
+                inner = inner + radiate(points_m, of_points, leaf, plan.passes, plan.reference_m)
             samples = samples + _up(inner, node, leaf)
         parts[cell] = _up(samples, plan.top_node, node)
 
     for_each(work, list(groups))
     with one_blas_thread():  # parts are added in order: no result depends on the threads
-        samples = _up(
-            sum((parts[cell] for cell in groups), np.zeros((), np.float32)),
-            plan.root_node,
-            plan.top_node,
-        )
-    return complex_samples(samples)
+        samples = sum((parts[cell] for cell in groups), np.zeros((), np.complex64))
+        return _up(samples, plan.root_node, plan.top_node)
 
 
 def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:
@@ -116,7 +121,7 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.nd
     magnitude = np.empty((3, *shape), np.float32)
 
     def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-        strongest(re, im, index[rows], magnitude[:, rows])
+        index[rows], magnitude[:, rows] = strongest(re, im)
 
     _upsample(plan, nodes, images, keep)
     return index, magnitude
@@ -140,10 +145,9 @@ def _upsample(
 
     def widen(part: tuple[int, int, slice]) -> None:
         image, z, rows = part
-        piece = images[image, z, rows]
-        envelope = np.empty((2, *piece.shape), np.float32)
-        take_carrier_out(piece, nodes.x_m, nodes.y_m[rows], nodes.z_m[z], *plan.carrier, envelope)
-        along_x[image, :, z, rows] = envelope @ of_x.T
+        carrier = plan.carrier_of(nodes.x_m, nodes.y_m[rows, None], nodes.z_m[z])
+        envelope = images[image, z, rows] * carrier.conj()
+        along_x[image, :, z, rows] = np.stack([envelope.real, envelope.imag]) @ of_x.T
 
     def heighten(part: tuple[int, int]) -> None:
         image, first = part

@@ -1,11 +1,10 @@
 """Fast imaging by the tree of boxes: samples → images of the points in a cell.
 
-Samples are float32 arrays [tone, re/im, transmitter, receiver], because products of real matrices
-are faster here than complex ones. Each step from a box to a smaller box in it multiplies the
-samples by phases and by real weights, which combine tones and antennas. In a leaf, a smallest box,
-phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is computed
-in float64, less that of a reference point near the aperture; the remainder differs little between
-antennas, so float32 is enough for its phase.
+Each step from a box to a smaller box in it multiplies the samples by phases and by real weights,
+which combine tones and antennas (`to_child`); `to_parent` is its adjoint. In a leaf, a smallest
+box, phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is
+computed in float64, less that of a reference point near the aperture; the remainder differs little
+between antennas, so float32 is enough for its phase.
 """
 
 import math
@@ -13,7 +12,7 @@ import math
 import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
-from handbench.support.compiled import FAST, INNER, njit, outer
+from handbench.support.compiled import FAST, INNER, njit
 
 # points per matrix product; fewer where the factors would exceed the second-level cache
 BLOCK = 320
@@ -22,205 +21,173 @@ SECOND_LEVEL = 65536  # antennas × points
 VECTOR = 32
 
 
-def planes(samples: np.ndarray) -> np.ndarray:
-    """Convert complex samples to float32 with the real and the imaginary part as second axis: [k,
-    t, r] → [k, 2, t, r], or [k, n] of a scan → [k, 2, n, 1]."""
-    parts = np.ascontiguousarray(np.stack([samples.real, samples.imag], axis=1), np.float32)
-    return parts[..., None] if parts.ndim == 3 else parts
+def to_child(
+    samples: np.ndarray,
+    turns_per_m: np.ndarray,
+    shift_a: np.ndarray,
+    shift_b: np.ndarray,
+    of_tones: np.ndarray,
+    of_a: np.ndarray,
+    of_b: np.ndarray,
+) -> np.ndarray:
+    """Compute the samples M of a box, complex64 [m, a, b], from those of its parent box, S [f, t,
+    r], for tones, transmitters and receivers:
+
+        M[m, a, b] = Σ_f Σ_t Σ_r L[m, f] X[a, t] Y[b, r] exp(j2πf(Δ_t + Δ_r)/c) S[f, t, r].
+
+    turns_per_m [f]: f/c; shift_a [t], shift_b [r]: Δ, metres, which change the reference of phases
+    to the box's centre; of_tones, of_a, of_b: the real weights L, X and Y, of which empty ones
+    leave their axis unchanged. For n boxes of one parent, all but turns_per_m have one more axis
+    [n], and so has the result.
+    """
+    return _combined(_turned(samples, turns_per_m, shift_a, shift_b), of_tones, of_a, of_b)
 
 
-def complex_samples(parts: np.ndarray) -> np.ndarray:
-    """Convert samples [k, 2, t, r], whose second axis has real and imaginary part, to complex64 [k,
-    t, r]."""
-    return parts[:, 0] + np.complex64(1j) * parts[:, 1]
+def to_parent(
+    samples: np.ndarray,
+    turns_per_m: np.ndarray,
+    shift_a: np.ndarray,
+    shift_b: np.ndarray,
+    of_tones: np.ndarray,
+    of_a: np.ndarray,
+    of_b: np.ndarray,
+) -> np.ndarray:
+    """Compute what the samples [m, a, b] of a box contribute to the samples [f, t, r] of its parent
+    box: the adjoint of `to_child`, with the same arguments."""
+    return _turned(_combined(samples, of_tones.T, of_a.T, of_b.T), -turns_per_m, shift_a, shift_b)
+
+
+def _turned(
+    samples: np.ndarray, turns_per_m: np.ndarray, shift_a: np.ndarray, shift_b: np.ndarray
+) -> np.ndarray:
+    turned = np.empty((*shift_a.shape[:-1], *samples.shape), np.complex64)
+    shape = -1, *samples.shape
+    _turn(
+        samples, turns_per_m, np.atleast_2d(shift_a), np.atleast_2d(shift_b), turned.reshape(shape)
+    )
+    return turned
+
+
+@njit(**FAST)
+def _turn(samples, turns_per_m, shift_a, shift_b, out):  # type: ignore[no-untyped-def]
+    b_re, b_im = np.empty(shift_b.shape[1], np.float32), np.empty(shift_b.shape[1], np.float32)
+    for i in range(len(out)):
+        for m in range(len(turns_per_m)):
+            for b in range(len(b_re)):
+                b_re[b], b_im[b] = cis_turns(turns_per_m[m] * shift_b[i, b])
+            for a in range(shift_a.shape[1]):
+                a_re, a_im = cis_turns(turns_per_m[m] * shift_a[i, a])
+                for b in range(len(b_re)):
+                    re, im = a_re * b_re[b] - a_im * b_im[b], a_re * b_im[b] + a_im * b_re[b]
+                    value = samples[m, a, b]
+                    out[i, m, a, b] = complex(
+                        value.real * re - value.imag * im, value.real * im + value.imag * re
+                    )
+
+
+def _combined(
+    samples: np.ndarray, of_tones: np.ndarray, of_a: np.ndarray, of_b: np.ndarray
+) -> np.ndarray:
+    *boxes, tones, n_a, n_b = samples.shape
+    if of_tones.size:
+        mixed = _times(of_tones, samples.reshape(*boxes, tones, n_a * n_b))
+        samples = mixed.reshape(*mixed.shape[:-1], n_a, n_b)
+    if of_a.size:
+        samples = _times(of_a[..., None, :, :], samples)
+    if of_b.size:
+        samples = _times(of_b[..., None, :, :], samples.swapaxes(-1, -2)).swapaxes(-1, -2)
+    return np.ascontiguousarray(samples)
+
+
+def _times(weights: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Multiply real with complex matrices: half the work of complex with complex ones."""
+    return (weights @ np.ascontiguousarray(samples).view(np.float32)).view(np.complex64)
 
 
 @njit(**FAST)
 def gather(  # type: ignore[no-untyped-def]
-    samples, turns_per_m, leaves, passes, reference_m, points_m, starts, images
+    samples, counts, centre_m, turns_per_m, legs, passes, reference_m, points_m, starts, images
 ):
-    """Image the points of some leaves of a cell from the cell's samples [k, 2, a, b], 2 for real
-    and imaginary part.
+    """Image the points of n leaves from their samples, complex64 [n, k, a, b].
 
-    turns_per_m [k]: f/c of the cell's tones; leaves: `NodeStack`; points_m [3, n]: all points, of
-    which starts[i]:starts[i + 1] are in leaf i. The result is written to the same columns of
-    `images`, complex64: [k, n] for one image per tone, or [1, n] for the sum of all tones.
+    counts to legs: their `NodeStack`'s, of each leg the lengths and positions; points_m [3, p]: all
+    points, of which starts[i]:starts[i + 1] are in leaf i. The result is written to the same
+    columns of `images`, complex64: [k, p] for one image per tone, or [1, p] for the sum of all
+    tones.
     """
-    (weights_a, shift_a, length_a, position_a), (weights_b, shift_b, length_b, position_b) = (
-        leaves.legs
-    )
-    for i in range(len(leaves.counts)):
-        if starts[i] == starts[i + 1]:
+    for i in range(len(counts)):
+        tones, n_a, n_b = counts[i, 0], counts[i, 1], counts[i, 2]
+        count = starts[i + 1] - starts[i]
+        if count == 0:
             continue
-        k, a, b = leaves.counts[i, 0], leaves.counts[i, 1], leaves.counts[i, 2]
-        below = inner_to_child(
-            samples,
-            turns_per_m,
-            shift_a[i],
-            shift_b[i],
-            leaves.tone_weights[i, :k],
-            weights_a[i, :a],
-            weights_b[i, :b],
-        )
-        evaluate(
-            below,
-            points_m[:, starts[i] : starts[i + 1]],
-            leaves.centre_m[i],
-            leaves.turns_per_m[i, :k],
-            (length_a[i, :a], position_a[i, :a]),
-            (length_b[i, :b], position_b[i, :b]),
-            passes,
-            reference_m,
-            images[:, starts[i] : starts[i + 1]],
-        )
-
-
-@njit(**INNER)
-def inner_to_child(  # type: ignore[no-untyped-def]
-    samples, turns_per_m, shift_a, shift_b, tone_weights, weights_a, weights_b
-):
-    """Compute the samples of a box from the samples [k, 2, a, b] of its parent box, for k tones,
-    real and imaginary part, a transmitters and b receivers.
-
-    Phases of the paths shift_a [a] and shift_b [b] (metres) change the reference point to the box's
-    centre; then real weights combine tones and antennas. Empty weights leave their axis unchanged.
-    """
-    return apply(
-        weights_a,
-        weights_b,
-        mix(tone_weights, inner_turn(samples, turns_per_m, shift_a, shift_b, np.float32(1.0))),
-    )
-
-
-to_child = outer(inner_to_child)
-
-
-@njit(**INNER)
-def inner_turn(samples, turns_per_m, shift_a, shift_b, sign):  # type: ignore[no-untyped-def]
-    """Multiply samples [k, 2, a, b] (2: real and imaginary part) by the phase factors
-    exp(±j2πf(shift_a + shift_b)/c). shift_a [a], shift_b [b]: path lengths in metres; turns_per_m
-    [k]: f/c; sign: 1 or −1."""
-    out = np.empty_like(samples)
-    tones, _, n_a, n_b = samples.shape
-    b_re, b_im = np.empty(n_b, np.float32), np.empty(n_b, np.float32)
-    for m in range(tones):
-        for b in range(n_b):
-            b_re[b], b_im[b] = cis_turns(turns_per_m[m] * shift_b[b])
-        for a in range(n_a):
-            a_re, a_im = cis_turns(turns_per_m[m] * shift_a[a])
-            for b in range(n_b):
-                re, im = a_re * b_re[b] - a_im * b_im[b], sign * (a_re * b_im[b] + a_im * b_re[b])
-                out[m, 0, a, b] = samples[m, 0, a, b] * re - samples[m, 1, a, b] * im
-                out[m, 1, a, b] = samples[m, 0, a, b] * im + samples[m, 1, a, b] * re
-    return out
-
-
-@njit(**INNER)
-def mix(weights, samples):  # type: ignore[no-untyped-def]
-    if weights.size == 0:
-        return samples
-    tones, _, n_a, n_b = samples.shape
-    return np.dot(weights, samples.reshape(tones, 2 * n_a * n_b)).reshape(len(weights), 2, n_a, n_b)
-
-
-@njit(**INNER)
-def apply(weights_a, weights_b, samples):  # type: ignore[no-untyped-def]
-    """Combine the antennas of samples [k, 2, a, b] with real weights [n, a] of transmitters and [m,
-    b] of receivers: [k, 2, n, m]. Empty weights leave their axis unchanged."""
-    tones, _, n_a, n_b = samples.shape
-    if weights_b.size != 0:
-        samples = np.dot(samples.reshape(2 * tones * n_a, n_b), weights_b.T).reshape(
-            tones, 2, n_a, len(weights_b)
-        )
-    if weights_a.size == 0:
-        return samples
-    out = np.empty((tones, 2, len(weights_a), samples.shape[3]), np.float32)
-    for m in range(tones):
-        for part in range(2):
-            np.dot(weights_a, samples[m, part], out[m, part])
-    return out
-
-
-@njit(**INNER)
-def evaluate(  # type: ignore[no-untyped-def]
-    samples, points_m, centre_m, turns_per_m, leg_a, leg_b, passes, reference_m, images
-):
-    """Image the points_m [3, n] of a leaf (a smallest box) from the leaf's samples [k, 2, a, b],
-    and write the result to `images`, complex64: [k, n] for one image per tone, or [1, n] for the
-    sum of all tones. leg_a, leg_b: path lengths to the leaf's centre and
-    positions of transmitters and of receivers."""
-    tones, _, n_a, n_b = samples.shape
-    (length_a, position_a), (length_b, position_b) = leg_a, leg_b
-    count = points_m.shape[1]
-    blocks = math.ceil(count / max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
-    # of even blocks, the last one filled up with its last point
-    n = VECTOR * math.ceil(count / (blocks * VECTOR))
-    points = np.empty((3, n))  # contiguous: the loops over points become vector code
-    for start in range(0, count, n):
-        held = min(count - start, n)
-        for p in range(n):
-            for axis in range(3):
-                points[axis, p] = points_m[axis, min(start + p, count - 1)]
-        common = np.zeros(n)
-        delta_a, delta_b = np.empty((n_a, n), np.float32), np.empty((n_b, n), np.float32)
-        differences(
-            points, position_a, passes[0], length_a, centre_m, reference_m[0], delta_a, common
-        )
-        differences(
-            points, position_b, passes[1], length_b, centre_m, reference_m[1], delta_b, common
-        )
-        a, b = np.empty((2 * n_a, n), np.float32), np.empty((2 * n_b, n), np.float32)
+        blocks = math.ceil(count / max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
+        # of even blocks, the last one filled up with its last point
+        n = VECTOR * math.ceil(count / (blocks * VECTOR))
+        points = np.empty((3, n))  # contiguous: the loops over points become vector code
+        reference, phases = np.empty((2, n)), np.empty(n, np.float32)
+        difference_m = np.empty((n_a + n_b, n), np.float32)
+        waves = np.empty((2 * (n_a + n_b), n), np.float32)
         stacked, u = np.empty((2 * n_a, 2 * n_b), np.float32), np.empty((2 * n_a, n), np.float32)
-        total_re, total_im = np.zeros(n, np.float32), np.zeros(n, np.float32)
-        for m in range(tones):
-            steer(delta_a, turns_per_m[m], a)
-            steer(delta_b, turns_per_m[m], b)
-            product = bilinear(a, samples[m], b, stacked, u)
+        re, im = np.empty(n, np.float32), np.empty(n, np.float32)
+        for start in range(0, count, n):
+            here, held = starts[i] + start, min(count - start, n)
             for p in range(n):
-                cosine, sine = cis_turns(turns_per_m[m] * common[p])
-                total_re[p] += cosine * product[0, p] - sine * product[1, p]
-                total_im[p] += cosine * product[1, p] + sine * product[0, p]
-            if len(images) > 1:
-                for p in range(held):
-                    images[m, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
-                total_re[:] = 0
-                total_im[:] = 0
-        if len(images) == 1:
-            for p in range(held):
-                images[0, start + p] = total_re[p] + np.complex64(1j) * total_im[p]
-
-
-@njit(**INNER)
-def bilinear(a, samples, b, stacked, u):  # type: ignore[no-untyped-def]
-    """Compute the double sum Σ_i Σ_j a_i S_ij b_j over transmitters and receivers at every point:
-    float32 [2, p], real and imaginary part.
-
-    a [2a, p], b [2b, p]: waves of transmitters and of receivers, real parts above imaginary parts;
-    samples [2, a, b]: S; stacked [2a, 2b] and u [2a, p]: scratch arrays.
-    """
-    n_a, n_b = samples.shape[1:]
-    for i in range(n_a):  # loops, since slices take seconds to compile
-        for j in range(n_b):
-            stacked[i, j] = stacked[n_a + i, n_b + j] = samples[0, i, j]
-            stacked[n_a + i, j], stacked[i, n_b + j] = samples[1, i, j], -samples[1, i, j]
-    np.dot(stacked, b, u)
-    out = np.zeros((2, a.shape[1]), np.float32)
-    for i in range(n_a):
-        for p in range(a.shape[1]):
-            out[0, p] += a[i, p] * u[i, p] - a[n_a + i, p] * u[n_a + i, p]
-            out[1, p] += a[i, p] * u[n_a + i, p] + a[n_a + i, p] * u[i, p]
-    return out
+                for axis in range(3):
+                    points[axis, p] = points_m[axis, here + min(p, held - 1)]
+            for leg in range(2):
+                length_m, position_m = legs[leg]
+                differences(
+                    points,
+                    position_m[i],
+                    passes[leg],
+                    length_m[i],
+                    centre_m[i],
+                    reference_m[leg],
+                    difference_m[leg * n_a : n_a + leg * n_b],
+                    reference[leg],
+                )
+            re[:] = 0
+            im[:] = 0
+            for m in range(tones):
+                for leg in range(2):
+                    n_leg = counts[i, 1 + leg]
+                    first, per_m = leg * n_a, np.float32(turns_per_m[i, m])
+                    for p in range(n):
+                        turns = turns_per_m[i, m] * reference[leg, p]
+                        phases[p] = turns - np.rint(turns)
+                    for a in range(n_leg):
+                        for p in range(n):
+                            turn = per_m * difference_m[first + a, p] + phases[p]
+                            waves[2 * first + a, p], waves[2 * first + n_leg + a, p] = cis_small(
+                                turn
+                            )
+                # Σ_a Σ_b of the waves and the samples, with complex numbers as real matrices
+                for a in range(n_a):
+                    for b in range(n_b):
+                        value = samples[i, m, a, b]
+                        stacked[a, b] = stacked[n_a + a, n_b + b] = value.real
+                        stacked[n_a + a, b], stacked[a, n_b + b] = value.imag, -value.imag
+                np.dot(stacked, waves[2 * n_a :], u)
+                for a in range(n_a):
+                    for p in range(n):
+                        re[p] += waves[a, p] * u[a, p] - waves[n_a + a, p] * u[n_a + a, p]
+                        im[p] += waves[a, p] * u[n_a + a, p] + waves[n_a + a, p] * u[a, p]
+                if m + 1 == tones or len(images) > 1:
+                    for p in range(held):
+                        images[m % len(images), here + p] = complex(re[p], im[p])
+                    re[:] = 0
+                    im[:] = 0
 
 
 @njit(**INNER)
 def differences(  # type: ignore[no-untyped-def]
-    points_m, position_m, passes, length_m, centre_m, reference_m, out, common_m
+    points_m, position_m, passes, length_m, centre_m, reference_m, out, reference
 ):
     """Compute path differences that are small enough for float32: out[a, p] = ΔR_a(p) −
-    ΔR_reference(p), metres.
+    ΔR_reference(p), metres, for the first antennas of position_m.
 
     ΔR is the path from an antenna, or from the reference point, to point p, less the path to the
-    box's centre. ΔR_reference(p) is added to common_m [p].
+    box's centre. ΔR_reference(p) is written to reference [p].
     """
     n = points_m.shape[1]
     cx, cy, cz = (
@@ -229,7 +196,6 @@ def differences(  # type: ignore[no-untyped-def]
         centre_m[2] - reference_m[2],
     )
     at_centre = passes * np.sqrt(cx * cx + cy * cy + cz * cz)
-    reference = np.empty(n)
     for p in range(n):
         dx, dy, dz = (
             points_m[0, p] - reference_m[0],
@@ -237,20 +203,8 @@ def differences(  # type: ignore[no-untyped-def]
             points_m[2, p] - reference_m[2],
         )
         reference[p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre
-        common_m[p] += reference[p]
-    for a in range(len(position_m)):
+    for a in range(len(out)):
         ax, ay, az, length = position_m[a, 0], position_m[a, 1], position_m[a, 2], length_m[a]
         for p in range(n):
             dx, dy, dz = points_m[0, p] - ax, points_m[1, p] - ay, points_m[2, p] - az
             out[a, p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]
-
-
-@njit(**INNER)
-def steer(difference_m, turns_per_m, out):  # type: ignore[no-untyped-def]
-    """Write exp(j2πfΔ/c) of path differences Δ [a, p], metres, to out [2a, p]: real parts above
-    imaginary parts. turns_per_m: f/c; negative for the conjugate."""
-    n_a, n = difference_m.shape
-    turns = np.float32(turns_per_m)
-    for a in range(n_a):
-        for p in range(n):
-            out[a, p], out[n_a + a, p] = cis_small(turns * difference_m[a, p])

@@ -137,35 +137,6 @@ def steered_differences(  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(**INNER)
-def _carrier_turns(x, y, z, turns_per_m, passes, reference_m, ramp):  # type: ignore[no-untyped-def]
-    turns = ramp[0] * x + ramp[1] * y + ramp[2] * z
-    for i in range(2):
-        dx, dy, dz = x - reference_m[i, 0], y - reference_m[i, 1], z - reference_m[i, 2]
-        turns += turns_per_m * passes[i] * np.sqrt(dx * dx + dy * dy + dz * dz)
-    return turns
-
-
-@njit(**FAST)
-def take_carrier_out(  # type: ignore[no-untyped-def]
-    image, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp, planes
-):
-    """Remove the carrier, a fast phase that is the same for all tones, from the image [ny, nx] at
-    x_m × y_m and the one depth z_m.
-
-    The image times the conjugate carrier is written to `planes` [2, ny, nx], float32 (real part,
-    imaginary part). The arguments from turns_per_m to ramp are those of `GridPlan.carrier`.
-    """
-    for j in range(len(y_m)):
-        for i in range(len(x_m)):
-            cosine, sine = cis_turns(
-                _carrier_turns(x_m[i], y_m[j], z_m, turns_per_m, passes, reference_m, ramp)
-            )
-            value = image[j, i]
-            planes[0, j, i] = value.real * cosine + value.imag * sine
-            planes[1, j, i] = value.imag * cosine - value.real * sine
-
-
 @njit(**FAST)
 def restore_carrier(  # type: ignore[no-untyped-def]
     re, im, x_m, y_m, z_m, turns_per_m, passes, reference_m, ramp
@@ -173,21 +144,21 @@ def restore_carrier(  # type: ignore[no-untyped-def]
     """Multiply a volume re + j·im [nz, ny, nx] by its carrier, a fast phase that is removed before
     interpolation: complex64 [nz, ny, nx]. The arguments from turns_per_m to ramp are those of
     `GridPlan.carrier`."""
-    nx = len(x_m)
-    volume = np.empty(re.shape, np.complex64)
-    cosine, sine = np.empty(nx, np.float32), np.empty(nx, np.float32)
+    volume, turns = np.empty(re.shape, np.complex64), np.empty(len(x_m))
     for k in range(len(z_m)):
         for j in range(len(y_m)):
-            for i in range(nx):
-                turns = _carrier_turns(
-                    x_m[i], y_m[j], z_m[k], turns_per_m, passes, reference_m, ramp
-                )
-                cosine[i], sine[i] = cis_turns(turns)
-            for i in range(nx):
+            for i in range(len(x_m)):
+                turns[i] = ramp[0] * x_m[i] + ramp[1] * y_m[j] + ramp[2] * z_m[k]
+            for leg in range(2):
+                dy, dz = y_m[j] - reference_m[leg, 1], z_m[k] - reference_m[leg, 2]
+                for i in range(len(x_m)):
+                    dx = x_m[i] - reference_m[leg, 0]
+                    turns[i] += turns_per_m * passes[leg] * np.sqrt(dx * dx + dy * dy + dz * dz)
+            for i in range(len(x_m)):
+                cosine, sine = cis_turns(turns[i])
                 value_re, value_im = re[k, j, i], im[k, j, i]
                 volume[k, j, i] = complex(
-                    value_re * cosine[i] - value_im * sine[i],
-                    value_im * cosine[i] + value_re * sine[i],
+                    value_re * cosine - value_im * sine, value_im * cosine + value_re * sine
                 )
     return volume
 
@@ -238,10 +209,16 @@ def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore
             nearness = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
             gains[p, a], axial[a] = nearness, -dz * nearness
             obliquity[a] = (nx * dx + ny * dy + nz * dz) * nearness
-        row = gains[p]
-        if obliquity.min() >= GRAZING:
-            row *= np.sqrt(obliquity)
-        if pattern != 0.0 and axial.min() >= least:
-            row *= axial**pattern
-        row /= np.sqrt(np.mean(row**2))
+        oblique, patterned, power = True, pattern != 0.0, 0.0
+        for a in range(n_antennas):
+            oblique &= obliquity[a] >= GRAZING
+            patterned &= axial[a] >= least
+        for a in range(n_antennas):
+            if oblique:
+                gains[p, a] *= np.sqrt(obliquity[a])
+            if patterned:
+                gains[p, a] *= axial[a] ** pattern
+            power += gains[p, a] ** 2
+        for a in range(n_antennas):
+            gains[p, a] /= np.sqrt(power / n_antennas)
     return gains
