@@ -124,16 +124,16 @@ class TreePlan:
         bounds = pairwise([*first.tolist(), len(where.leaf)])
         return {cell: slice(*ends) for cell, ends in zip(cells.tolist(), bounds, strict=True)}
 
-    def stack(self, leaves: list[int]) -> tuple[list[int], NodeStack]:
-        """Return the nodes of some leaves of one cell, and of those of the cell that were asked for
-        before: (their numbers, ascending, and their stack)."""
+    def stack(self, leaves: list[int]) -> NodeStack:
+        """Return the nodes of some leaves of one cell, whose numbers ascend. They are taken from a
+        stack of all leaves of this cell that were asked for so far."""
         cell = leaves[0] // self.leaves_per_cell
         numbers, stacked = self._stacks.get(cell, ([], None))
         if stacked is None or not set(leaves) <= set(numbers):
             numbers = sorted({*numbers, *leaves})
             stacked = stack([self.leaf(leaf) for leaf in numbers])
             self._stacks[cell] = numbers, stacked
-        return numbers, stacked
+        return stacked.part(np.searchsorted(numbers, leaves))
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that

@@ -121,6 +121,12 @@ class NodeStack(NamedTuple):
     tone_weights: np.ndarray
     legs: tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], ...]
 
+    def part(self, index: np.ndarray) -> "NodeStack":
+        """Return the nodes with these indices."""
+        counts, centre_m, turns_per_m, tone_weights = (values[index] for values in self[:-1])
+        legs = tuple(tuple(values[index] for values in leg) for leg in self.legs)
+        return NodeStack(counts, centre_m, turns_per_m, tone_weights, legs)
+
     @property
     def step(self) -> tuple[np.ndarray, ...]:
         """Shifts and weights that make the parent's samples those of these boxes (`Node.step`)."""

@@ -36,7 +36,8 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
-        node, (leaves, stack) = plan.cell(group[0]), plan.stack(where.leaf[group[1]].tolist())
+        cell, leaves = group
+        node, stack = plan.cell(cell), plan.stack(where.leaf[leaves].tolist())
         of_cell = to_child(root, plan.top_node.turns_per_m, *node.step)
         below = [
             to_child(of_cell, node.turns_per_m, *(part[i : i + LEAVES] for part in stack.step))
@@ -51,7 +52,7 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
             plan.passes,
             plan.reference_m,
             where.points_m,
-            where.starts[np.searchsorted(where.leaf, [*leaves, leaves[-1] + 1])],
+            where.starts[leaves.start : leaves.stop + 1],
             images,
         )
 

@@ -118,8 +118,6 @@ def gather(  # type: ignore[no-untyped-def]
     for i in range(len(counts)):
         tones, n_a, n_b = counts[i, 0], counts[i, 1], counts[i, 2]
         count = starts[i + 1] - starts[i]
-        if count == 0:
-            continue
         blocks = math.ceil(count / max(min(BLOCK, SECOND_LEVEL // (n_a + n_b)), VECTOR))
         # of even blocks, the last one filled up with its last point
         n = VECTOR * math.ceil(count / (blocks * VECTOR))
