@@ -96,8 +96,8 @@ def _mapped(read: Read, mapping: Mapping) -> RadarCapture:
     if isinstance(mapping.background, ComplexMapping):
         samples = samples - _complex(read, mapping.background, counts)
     elif mapping.background is not None:
-        channels = tuple(range(ORDER.index("frequency") + 1, len(ORDER)))
-        samples = samples - np.nanmean(samples, axis=channels, keepdims=True)
+        of_channels = tuple(range(ORDER.index("frequency") + 1, len(ORDER)))
+        samples = samples - np.nanmean(samples, axis=of_channels, keepdims=True)
     if mapping.samples.sign == "+":
         samples = samples.conj()
     channels = [len(table_m) for table_m in places_m.values()] if pairs is None else [len(pairs)]

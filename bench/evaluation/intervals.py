@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri, stdtrit  # scipy.stats takes a second, and forty times as long
 
 from handbench.bench.evaluation.repeats import deviation, mean_deviation
 from handbench.bench.evaluation.tables import LEVEL
@@ -40,6 +39,8 @@ def mean_interval(values: Sequence[float] | np.ndarray) -> Interval | None:
     n = len(finite)
     if n < FEWEST:
         return None
+    from scipy.special import stdtrit  # scipy.stats takes a second, and forty times as long
+
     mean = finite.mean()
     spread = deviation(finite)
     quantiles = stdtrit(n - 1, TAILS[::-1]) / np.sqrt(n)
@@ -68,6 +69,8 @@ def precision_interval(strongest_z_m: Sequence[np.ndarray]) -> Interval | None:
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
     metres. It is the χ² interval of a standard deviation, for further repeats of the same hands,
     whose errors are independent. None if a hand has fewer than two usable repeats."""
+    from scipy.special import chdtri
+
     spread = mean_deviation(strongest_z_m)
     if spread is None:
         return None

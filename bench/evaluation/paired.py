@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.special import fdtr, fdtrc, fdtri
 
 from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
 from handbench.bench.evaluation.intervals import FEWEST, TAILS, counted, mean_interval
@@ -79,6 +78,8 @@ def f_test(hands_a: Sequence[np.ndarray], hands_b: Sequence[np.ndarray]) -> Diff
     [n_repeats], metres. All repeats count as independent, which is cautious if both methods image
     the same echoes. The interval of the difference follows from that of the ratio of the
     precisions, multiplied by A's precision."""
+    from scipy.special import fdtr, fdtrc, fdtri
+
     deviation_a, deviation_b = mean_deviation(hands_a), mean_deviation(hands_b)
     if deviation_a is None or deviation_b is None:
         return Difference(np.nan)

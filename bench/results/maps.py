@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.groundtruth.photos.pictures import open_picture
 from handbench.radar.data.depthmap import LARGEST
 from handbench.radar.data.grid import bounding_box
 from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, read_npz, write_npz
+from handbench.support.files import read_npz, write_npz
 from handbench.support.limits import ARRAY_BYTES
-
-PHOTO_PX = 600
-ORIENTATION = 0x0112  # EXIF's tag
 
 
 @dataclass(frozen=True)
@@ -116,22 +112,6 @@ def read_errors(folder: Path, capture: str, method: str, reference: str) -> Erro
     path = errors_path(folder, capture, method, reference)
     others = ("sigma_m", "to_reference_m", "to_map_m")
     return ErrorMap(**read_map(path, "error_m", "reference_z_m", optional=others))
-
-
-def write_photo(folder: Path, capture: str, source: str | Path) -> None:
-    """Write the photograph `source` into a result folder, as a small JPEG, upright and without
-    metadata."""
-    from PIL import Image, ImageOps
-
-    with open_picture(Path(source)) as image:
-        orientation = image.getexif().get(ORIENTATION)
-        small = Image.fromarray(np.asarray(image.convert("RGB")))
-    if orientation in range(2, 9):  # only this: Pillow cannot write all other EXIF data
-        small.getexif()[ORIENTATION] = int(orientation)
-        small = ImageOps.exif_transpose(small)
-    small.thumbnail((PHOTO_PX, PHOTO_PX))
-    with atomic_path(photo_path(folder, capture)) as temporary:
-        Image.fromarray(np.asarray(small)).save(temporary, quality=88)
 
 
 def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[str, np.ndarray]:

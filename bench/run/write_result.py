@@ -20,7 +20,7 @@ from handbench.bench.evaluation.scoring_protocols import protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.derived import few_pixels
-from handbench.bench.results.maps import Frames, depth_path, errors_path, write_frames, write_photo
+from handbench.bench.results.maps import Frames, depth_path, errors_path, photo_path, write_frames
 from handbench.bench.results.result_folder import TABLES, write_about, write_tables
 from handbench.bench.run.captures import RunCapture
 from handbench.bench.run.common import CommonSubset, common_subset
@@ -34,6 +34,7 @@ from handbench.bench.stages.reconstruct import (
     read_times,
 )
 from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
+from handbench.groundtruth.photos.pictures import open_picture
 from handbench.groundtruth.pipeline import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
@@ -43,6 +44,8 @@ from handbench.support.folder import drop
 from handbench.support.progress import say
 from handbench.support.store import Stage, versions
 
+PHOTO_PX = 600
+ORIENTATION = 0x0112  # EXIF's tag
 FILES = (
     "result.json",
     "config.toml",
@@ -244,3 +247,19 @@ def _machines(engine: Engine) -> dict[str, Any]:
     here = machine()
     others = {name: facts for name, facts in engine.machines.items() if name != here["host"]}
     return {**here, "imaging_device": describe(), **({"others": others} if others else {})}
+
+
+def write_photo(folder: Path, capture: str, source: str | Path) -> None:
+    """Write the photograph `source` into a result folder, as a small JPEG, upright and without
+    metadata."""
+    from PIL import Image, ImageOps
+
+    with open_picture(Path(source)) as image:
+        orientation = image.getexif().get(ORIENTATION, 1)
+        small = Image.fromarray(np.asarray(image.convert("RGB")))
+    if orientation in range(2, 9):  # only this: Pillow cannot write all other EXIF data
+        small.getexif()[ORIENTATION] = int(orientation)
+        small = ImageOps.exif_transpose(small)
+    small.thumbnail((PHOTO_PX, PHOTO_PX))
+    with atomic_path(photo_path(folder, capture)) as temporary:
+        Image.fromarray(np.asarray(small)).save(temporary, quality=88)

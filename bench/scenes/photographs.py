@@ -73,7 +73,7 @@ class Studio:
     def expose(self, camera: Camera) -> np.ndarray:
         """Compute the light on a camera's pixels, float32 [height, width, 3] in RGB with 1 for
         white, without blur and noise. Pixels at edges are means of several rays."""
-        pixels = np.stack(np.mgrid[: camera.height, : camera.width][::-1], axis=-1) + 0.5
+        pixels = np.moveaxis(np.mgrid[: camera.height, : camera.width][::-1], 0, -1) + 0.5
         parts = [
             self.shoot(camera, pixels[top : top + ROWS]) for top in range(0, camera.height, ROWS)
         ]

@@ -217,10 +217,10 @@ def _killed(group: int) -> Iterator[None]:
 
 
 def _last_line(output: BinaryIO) -> str:
-    """Return the last line of a file, without characters that cannot be printed."""
+    """Return the last line of a file."""
     output.seek(max(output.seek(0, os.SEEK_END) - LAST_BYTES, 0))
     lines = output.read().decode("utf-8", "replace").strip().splitlines() or ["none"]
-    return "".join(filter(str.isprintable, lines[-1]))[:300]
+    return lines[-1][:300]
 
 
 def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, list[float]]:

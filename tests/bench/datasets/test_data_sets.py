@@ -65,7 +65,7 @@ def test_names_are_those_of_files(data_set):
     [
         ('objects = ["patches"]', "patches"),
         ("distances = [50]", "maroon"),
-        ('[[dataset]]\npath = "../maroon"', "../maroon"),
+        ('[[dataset]]\npath = "../other"', "other"),
     ],
 )
 def test_selections_that_select_nothing_are_refused(data_set, selection, place):

@@ -7,14 +7,9 @@ import pytest
 from PIL import Image
 
 from handbench.bench.results.about import CaptureFacts
-from handbench.bench.results.maps import (
-    SurfaceMap,
-    depth_path,
-    write_errors,
-    write_photo,
-    write_surface,
-)
+from handbench.bench.results.maps import SurfaceMap, depth_path, write_errors, write_surface
 from handbench.bench.results.result_folder import Result, load, write_about, write_tables
+from handbench.bench.run.write_result import write_photo
 from handbench.support.files import read_json, write_json, write_npz, write_text
 from tests.bench.results.flat_results import AXIS_M, REFERENCE_M, errors_of, flat_result
 from tests.refusals import refuse

@@ -92,7 +92,7 @@ def test_it_sees_the_first_frames_echoes_and_nothing_else(capture, tmp_path, mon
 @pytest.mark.parametrize(
     ("program", "place"),
     [
-        ("print('x' * 10**6)\nprint('many')\nsys.exit('no \x1b antenna')", "no antenna"),
+        ("print('x' * 10**6)\nprint('many')\nsys.exit('no \x1b antenna')", r"no \x1b antenna"),
         ("pass", "{depth}"),
         ("os.kill(os.getpid(), 9)", "signal 9"),
     ],
