@@ -1,6 +1,5 @@
 """The command line as a user meets it."""
 
-import json
 import shutil
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +13,6 @@ from handbench.bench.datasets.native import NativeCapture
 from handbench.cli.main import main
 from handbench.cli.options import COMMANDS
 from handbench.radar.data.arrays import qar50
-from handbench.radar.methods.registry import METHODS
 from handbench.radar.simulation.catalogue import EFFECTS
 from tests.cli.conftest import PIXELS
 from tests.refusals import refuse_command
@@ -84,12 +82,7 @@ def test_what_is_wrong_is_one_line_and_nothing_is_written(wrong, monkeypatch, li
     assert sorted(wrong.rglob("*")) == files
 
 
-def test_refusals_are_known_of_every_command_that_takes_arguments():
-    assert {line.split()[0] for line, *_ in REFUSALS} >= set(COMMANDS) - {"doctor"}
-
-
-def test_capture_to_metrics(made, tmp_path, capsys):
-    """Noise-free, near the axis of a sphere: what is left are the averaging filters."""
+def test_what_is_printed_of_a_map_is_in_its_file(made, tmp_path, capsys):
     capture, depth = made / "capture", tmp_path / "depth.npz"
     assert main(["reconstruct", str(capture), "--method", "3fsk", "-o", str(depth), *PIXELS]) == 0
     with np.load(depth) as content:
@@ -99,9 +92,6 @@ def test_capture_to_metrics(made, tmp_path, capsys):
         doubted_percent = 100 * doubted[on_target].mean()
     printed = capsys.readouterr().err
     assert f"{on_target.sum()} pixels" in printed and f"{doubted_percent:.1f} %" in printed
-    assert main(["evaluate", str(depth), "--mesh", str(capture / "truth.ply"), "--json"]) == 0
-    metrics = json.loads(capsys.readouterr().out)
-    assert metrics["mae_mm"] < 1.0 and metrics["definitions"]["mae_mm"]
 
 
 @pytest.mark.slow
@@ -138,12 +128,11 @@ def test_the_volume_is_written_and_checked_against_the_exact_sum(
 @pytest.mark.parametrize(
     ("raised", "code", "printed"),
     [
-        (OSError(28, "No space left on device"), 2, "No space left on device"),
         (KeyboardInterrupt(), 130, "handbench: interrupted"),
         (MemoryError("7 GB"), 2, "out of memory (7 GB)"),
     ],
 )
-def test_a_full_disk_and_an_interrupt_are_one_line_and_leave_nothing(
+def test_an_interrupt_and_no_memory_are_one_line_and_leave_nothing(
     made, tmp_path, capsys, monkeypatch, raised, code, printed
 ):
     def stop(*arguments, **keywords):
@@ -153,15 +142,6 @@ def test_a_full_disk_and_an_interrupt_are_one_line_and_leave_nothing(
     command = ["reconstruct", str(made / "capture"), "--method", "2fsk", *PIXELS]
     assert main([*command, "-o", str(tmp_path / "depth.npz")]) == code
     assert printed in capsys.readouterr().err.splitlines()[-1] and not list(tmp_path.iterdir())
-
-
-def test_inspect_reports_every_problem(made, tmp_path, capsys):
-    bench = made / "bench" / "small.toml"
-    assert main(["inspect", str(made / "capture"), str(bench), "paper_table"]) == 0
-    capsys.readouterr()
-    named = [str(tmp_path / "missing"), str(tmp_path / "missing.toml")]
-    refuse_command(["inspect", *named], "2 problems")
-    assert [line.split(": ")[0] for line in capsys.readouterr().out.splitlines()] == named
 
 
 @pytest.mark.parametrize(
@@ -177,11 +157,6 @@ def test_list_has_a_line_for_each_thing_and_each_thing_in_full(given, words, cap
     assert main(["list", *given.split()]) == 0
     listing = capsys.readouterr().out
     assert all(word in listing for word in words)
-
-
-@pytest.mark.parametrize("method", METHODS.values(), ids=lambda method: method.id)
-def test_every_parameter_of_a_method_has_a_meaning(method):
-    assert all(field.description for field in type(method.defaults).model_fields.values())
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from pydantic import Field
 
 from handbench.radar.data.arrays import load_positions
 from handbench.support.config import Config, parse, read_toml
-from handbench.support.errors import HandbenchError
 from handbench.support.files import (
     atomic_folder,
     atomic_path,
@@ -42,14 +41,6 @@ class Scene(Config):
 
 def full_disk(*_, **__):
     raise OSError(errno.ENOSPC, "No space left on device")
-
-
-def test_a_message_is_one_line_whatever_it_quotes():
-    assert str(HandbenchError("a\nb\x1b[31m\x9b\u202e")) == r"a\nb\x1b[31m\x9b\u202e"
-
-
-def test_an_error_survives_the_way_back_from_a_worker_process():
-    assert str(pickle.loads(pickle.dumps(HandbenchError("x: got 1")))) == "x: got 1"
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ import io
 import sys
 import time
 
-import pytest
-
 from handbench.support import progress
 from handbench.support.progress import Work
 
@@ -67,8 +65,3 @@ def test_elsewhere_lines_say_the_same(monkeypatch, capsys):
             time.sleep(0.01)
     assert "0 of 1 done, 0 s so far; now hard cases\n" in err
     assert progress.ERASE_LINE not in err
-
-
-@pytest.mark.parametrize(("seconds", "words"), [(99, "99 s"), (100, "2 min"), (7200, "2 h")])
-def test_a_duration_in_words(seconds, words):
-    assert progress.duration(seconds) == words

@@ -7,7 +7,6 @@ import pytest
 
 import handbench.bench.run.runner  # noqa: F401  it declares the stages
 from handbench.support import store
-from handbench.support.errors import HandbenchError
 from handbench.support.store import DECLARED, STAMP, Input, Stage, cached
 from tests.test_imports import FILES, ROOT, imported, module_of
 
@@ -72,11 +71,10 @@ def test_whatever_it_depends_on_gives_another_folder(source, monkeypatch):
     assert len({*keys, dense(value=1).key}) == 4
 
 
-@pytest.mark.parametrize("end", [KeyboardInterrupt(), ValueError(), HandbenchError("known")])
-def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path, end):
+def test_a_stage_that_was_killed_leaves_nothing_and_is_made_again(tmp_path):
     root = tmp_path / "work"
-    with pytest.raises(type(end)):
-        cached(root, dense(end=Input(end, None)))
+    with pytest.raises(KeyboardInterrupt):
+        cached(root, dense(end=Input(KeyboardInterrupt(), None)))
     assert not list(root.iterdir())
     assert not cached(root, dense(end=Input(None, None)))[1] and len(made) == 2
 

@@ -216,8 +216,6 @@ def test_a_pickle_may_name_numpy_s_arrays_and_nothing_else(tmp_path):
     save_frame(file, {"xr": Runs(ran)})
     refuse(lambda: read_numbers(file), "a.npy", ".system")
     assert not ran.exists()
-    np.load(file, allow_pickle=True)
-    assert ran.exists()  # the test can fail
 
 
 KERNELS = Path(__file__).with_name("maroon_kernels.npy")

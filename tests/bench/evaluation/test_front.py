@@ -1,12 +1,11 @@
 """Fronts and choices on tables that are small enough to be judged by eye."""
 
-import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.evaluation.front import HEADROOM, SURFACE, chosen, figures, front, fronts
+from handbench.bench.evaluation.front import HEADROOM, chosen, figures, front
 from handbench.bench.evaluation.front import ranked as rank
 from handbench.bench.evaluation.metrics import HEADLINE
 from tests.refusals import refuse
@@ -70,21 +69,6 @@ def test_every_setting_is_on_the_front_or_dominated_by_one_that_is(settings):
         mm, s, percent = lines[str(name)]
         assert better.on_front and better.error <= mm and better.seconds <= s
         assert better.observed_percent >= percent
-
-
-def test_surfaces_are_ranked_from_the_scores():
-    lines = [
-        ("8-views", SURFACE, 0.2),
-        ("8-views", "seconds", 30.0),
-        ("5-views", SURFACE, 0.4),
-        ("5-views", "seconds", 10.0),
-        ("3fsk", "seconds", 0.1),
-    ]
-    scores = pd.DataFrame(lines, columns=["method", "metric", "value"]).assign(reference="truth")
-    found = fronts(table(slow=(0.5, 0.3, 50.0)), scores, {})
-    assert found[HEADLINE].index.tolist() == ["slow"]
-    assert front(found[SURFACE]).index.tolist() == ["5-views", "8-views"]
-    assert np.isnan(found[SURFACE].high).all()
 
 
 @pytest.mark.parametrize(

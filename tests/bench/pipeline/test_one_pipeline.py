@@ -51,23 +51,14 @@ def test_three_ways_give_one_mean_absolute_error(
     assert by_command == by_python == by_run > 0
 
 
-def one_tone(echoes):
-    return replace(echoes, samples=echoes.samples[:, :1], frequencies_hz=echoes.frequencies_hz[:1])
-
-
-def gigahertz(echoes):
-    return replace(echoes, frequencies_hz=1e-9 * echoes.frequencies_hz)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "doubt", "place"), [(gigahertz, "1e9", ", 82.0000 Hz"), (one_tone, "", "82.0000 GHz")]
-)
-def test_three_ways_refuse_the_same_captures(bench, tmp_path, capsys, spoil, doubt, place):
-    """What they doubt stands before what they refuse."""
-    capture, file = bench.parent / "ball", tmp_path / "depth.npz"
-    save_capture(capture / "echoes.h5", spoil(load_capture(capture / "echoes.h5")))
+def test_three_ways_refuse_the_same_captures(bench, tmp_path, capsys):
+    """Tones in gigahertz: what they doubt stands before what they refuse."""
+    capture, file, place = bench.parent / "ball", tmp_path / "depth.npz", ", 82.0000 Hz"
+    echoes = load_capture(capture / "echoes.h5")
+    echoes = replace(echoes, frequencies_hz=1e-9 * echoes.frequencies_hz)
+    save_capture(capture / "echoes.h5", echoes)
     assert main(["reconstruct", str(capture), "--method", "2fsk", "-o", str(file), *SET]) == 2
     written = capsys.readouterr().err
-    assert written.index(doubt) <= written.index(place) and not file.exists()
+    assert written.index("1e9") < written.index(place) and not file.exists()
     refuse(lambda: hb.load(capture).reconstruct("2fsk", x=AXIS, y=AXIS), place)
     refuse_command(["run", str(bench), "-o", str(tmp_path / "run")], place)

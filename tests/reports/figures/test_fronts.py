@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.bench.results.result_folder import load
@@ -32,12 +30,3 @@ def test_depths_and_surfaces_have_a_picture_each():
     [axis] = surfaces.figure.axes
     [front] = [line for line in axis.lines if line.get_label() == "front"]
     assert front.get_xydata().tolist() == [[5.0, 0.2], [8.0, 0.125]]
-
-
-def test_points_that_lie_together_share_a_label():
-    """One point per decade would have its own; the second, third and fifth lie together."""
-    axis = Figure().subplots()
-    axis.set(xscale="log", yscale="log", xlim=(1e-3, 1), ylim=(0.1, 10))
-    places = np.array([(2e-3, 5.0), (0.1, 1.0), (0.101, 1.0), (0.1015, 3.0), (0.102, 1.01)])
-    expected = [("1", (2e-3, 5.0)), ("2, 3, 5", (0.1, 1.0)), ("4", (0.1015, 3.0))]
-    assert list(fronts._labels(axis, places)) == expected

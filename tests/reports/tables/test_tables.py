@@ -3,11 +3,9 @@ when they change."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from handbench.bench.evaluation.tables import COMPARISONS, frame
@@ -17,22 +15,10 @@ from handbench.reports.figures.fronts import ranked_methods
 from handbench.reports.page import summary
 from handbench.reports.tables import table as tables
 from handbench.reports.tables.rounding import figure
-from handbench.reports.tables.writers import html, latex, markdown, terminal
+from handbench.reports.tables.writers import html, latex, markdown
 from tests.golden_files import RESULT
 
 WRITERS = {"md": markdown, "tex": latex, "html": html}
-WIDE = tables.Table(
-    "",
-    pd.DataFrame(
-        {
-            "why": ["needs [sensor.positions] with sigma", "listed"],
-            "depth (mm)": ["1234.5678", "9.5\n[9.1, 9.9]"],
-            "MAE on common pixels (mm)": ["0.123\n[0.101, 0.145]", "–"],
-        },
-        ["obliquity", "skin"],
-    ),
-    left=1,
-)
 
 
 def judged(p: float) -> Result:
@@ -70,17 +56,6 @@ def test_a_run_ends_with_the_papers_table_and_our_best(columns, golden, monkeypa
     monkeypatch.setenv("COLUMNS", str(columns))
     show(load(RESULT), Path("OUT"))
     golden(capsys.readouterr().out, f"run_{columns}.txt")
-
-
-@pytest.mark.parametrize("width", [60, 80, 200])
-def test_a_terminal_cuts_no_word_and_no_figure(width, monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", str(width))
-    terminal(WIDE)
-    printed = capsys.readouterr().out
-    texts = [*WIDE.headings, *WIDE.texts.index, *WIDE.texts.to_numpy().flat]
-    words = {word for text in texts for word in text.partition("\n")[0].split()}
-    assert words <= set(re.split(r"\s+", printed))
-    assert max(map(len, printed.splitlines())) <= width
 
 
 @pytest.mark.parametrize(
