@@ -15,8 +15,8 @@ import pytest
 
 import handbench as hb
 from tests.golden_files import RESULT
-from tests.installed_copy import ROOMS
 from tests.refusals import refuse
+from tests.rooms import ROOMS
 from tests.small_benchmark import write_bench
 
 ROOT = Path(__file__).parents[1]

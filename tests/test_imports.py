@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.installed_copy import ROOMS
+from tests.rooms import ROOMS
 
 ROOT = Path(__file__).parents[1]
 BELOW_CLI = ("support", "radar", "calibration", "groundtruth", "bench")

@@ -74,14 +74,6 @@ def test_averages_along_a_million_samples_do_not_drift(within):
     within(off(average[chosen], exact).max() / bound, 1, "of the roundings")
 
 
-@pytest.mark.parametrize("pixel", [(0, 0), (0, 6), (4, 3), (8, 6)], ids=str)
-@pytest.mark.parametrize("size_px", [1, 3, 31, 101])
-def test_a_lone_pixel_keeps_its_value(size_px, pixel, averaged):
-    values = np.full((9, 7), np.nan)
-    values[pixel] = 0.28
-    averaged(values, size_px)
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 7), (9, 1), (5, 5)], ids=str)
 @pytest.mark.parametrize("value", [0.28, np.nan, np.inf, -np.inf])
 def test_a_map_of_one_value_keeps_it(value, shape, averaged):

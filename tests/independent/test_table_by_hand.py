@@ -3,9 +3,7 @@ handbench."""
 
 from __future__ import annotations
 
-import re
 import shutil
-import sys
 from pathlib import Path
 
 import h5py
@@ -48,16 +46,6 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
         run(bench, base, folder / "out")
     return folder / "out"
-
-
-def test_it_imports_nothing_of_handbench():
-    source = Path(table_by_hand.__file__).read_text("utf-8")
-    imported = {
-        line.split()[1].partition(".")[0]
-        for line in source.splitlines()
-        if re.match(r"import |from \S+ import ", line)
-    }
-    assert imported - set(sys.stdlib_module_names) == {"h5py", "numpy"}
 
 
 def test_the_table_follows_from_the_maps(result):

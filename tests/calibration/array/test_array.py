@@ -140,7 +140,7 @@ def _sixth_ball(target, centres_m):
 @pytest.mark.parametrize(
     ("made", "place"),
     [
-        (_without_ball_3, "missing: 3"),
+        (_without_ball_3, "missing: [3]"),
         (_other_description, "element 1 of"),
         (_sixth_ball, "something at"),
     ],

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty
-from handbench.radar.methods.fsk import Fsk, depth_step_m, fsk
+from handbench.radar.methods.fsk import Fsk, fsk
 from handbench.radar.methods.pixels import masked_mean
 from handbench.radar.methods.registry import LADDER_HZ, PAIR_HZ
 from handbench.radar.simulation.effects.sensor import strongest_amplitude, thermal_noise
@@ -30,13 +30,6 @@ from tests.strategies import examples
 C = SPEED_OF_LIGHT_M_S
 MM = st.integers(-150, 150).map(lambda mm: mm / 1000)
 NEAR_AXIS = st.integers(-50, 50).map(lambda mm: mm / 1000)
-
-
-def test_sign_and_scale_of_the_depth_step():
-    # z_e = z + 1 mm: φ = 4πΔf·1 mm/c, so that Δz = −1 mm.
-    phase = 4 * np.pi * 200e6 * 1e-3 / C
-    step = depth_step_m(np.array([np.exp(1j * phase)]), np.array([1.0 + 0j]), 200e6)
-    assert step[0] == pytest.approx(-1e-3, rel=1e-12)
 
 
 @examples(8)

@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.forward import simulate
 from handbench.radar.simulation.physics.facets import facets_of
-from handbench.radar.simulation.physics.spheres import mie_amplitude
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import sheet, sphere_body
 
@@ -29,31 +27,15 @@ def cross_section_m2(facets, tones_hz, degrees=0.0):
     return 4 * np.pi * (tones_hz / SPEED_OF_LIGHT_M_S * amplitude_m2) ** 2
 
 
-@pytest.fixture(scope="module")
-def sphere():
-    """ka [n], and σ/πa² of a metal sphere there: by physical optics over facets, its integral, and
-    Mie's series.
-
-    ∫μ e^{jxμ} dμ over the lit half, x = 2ka: S R² = 2πa² (e^{jx}/jx + (e^{jx} − 1)/x²)."""
+def test_facets_sum_to_the_integral_of_physical_optics():
+    """A metal sphere's σ/πa²: ∫μ e^{jxμ} dμ over the lit half, x = 2ka: S R² = 2πa² (e^{jx}/jx +
+    (e^{jx} − 1)/x²). Chords for arcs: edges of 1.6a/128 make a second-order error of
+    (2ka·0.0125)²/12 = 1.9 % in power at ka = 60."""
     ka, radius_m = np.concatenate([np.linspace(0.2, 10, 50), np.linspace(20, 60, 41)]), 0.01
     facets = facets_of(sphere_body(radius_m, splits=7), np.inf)
     tones_hz = ka * SPEED_OF_LIGHT_M_S / (2 * np.pi * radius_m)
     optics = cross_section_m2(facets, tones_hz) / (np.pi * radius_m**2)
     integral = np.abs(1 + 1j * (1 - np.exp(-2j * ka)) / (2 * ka)) ** 2
-    return ka, optics, integral, np.abs(mie_amplitude(ka, np.ones(1))[:, 0]) ** 2
-
-
-def test_a_large_sphere_has_the_cross_section_pi_a_squared(sphere):
-    """a = 15 mm at 77 GHz; the terminator of physical optics is 1/ka = 0.17 dB there."""
-    ka, optics, _, mie = sphere
-    assert np.abs(db(optics[ka >= 25])).max() < 0.2
-    assert np.abs(db(mie[ka >= 25])).max() < 0.2
-
-
-def test_facets_sum_to_the_integral_of_physical_optics(sphere):
-    """Chords for arcs: edges of 1.6a/128 make a second-order error of (2ka·0.0125)²/12 = 1.9 % in
-    power at ka = 60."""
-    ka, optics, integral, _ = sphere
     assert np.abs(optics / integral - 1).max() < 0.02
     assert np.abs(optics / integral - 1)[ka <= 10].max() < 1e-3
 
