@@ -32,10 +32,10 @@ class Side(Config):
 
     @model_validator(mode="after")
     def _one_entry_per_antenna(self) -> "Side":
-        for name in type(self).model_fields:
-            if len(getattr(self, name)) != len(self.nominal_m):
+        for name, values in self:
+            if len(values) != len(self.nominal_m):
                 raise ValueError(
-                    f"'{name}' has {len(getattr(self, name))} entries, but 'nominal_m' has "
+                    f"'{name}' has {len(values)} entries, but 'nominal_m' has "
                     f"{len(self.nominal_m)} antennas; give one entry for each antenna"
                 )
         if not self.gains.any():
@@ -85,7 +85,8 @@ class ArrayCalibration(Config):
                 f"{where}: is for an antenna array (MIMO), but the capture is a planar scan or a "
                 "list of pairs; leave the calibration out"
             )
-        for name, side, leg in zip(("tx", "rx"), (self.tx, self.rx), array.legs, strict=True):
+        sides = self.tx, self.rx
+        for name, side, leg in zip(("tx", "rx"), sides, array.legs, strict=True):
             if np.shape(side.nominal_m) != leg.position_m.shape or (
                 np.abs(np.array(side.nominal_m) - leg.position_m).max() > SAME_M
             ):
@@ -94,10 +95,8 @@ class ArrayCalibration(Config):
                     f"other places than the {len(leg.position_m)} of the capture; calibrate the "
                     "array of this capture"
                 )
-        a, b = (
-            side.response(capture.frequencies_hz, self.reference_hz) for side in (self.tx, self.rx)
-        )
-        tx, rx = (np.flatnonzero(side.gains) for side in (self.tx, self.rx))
+        a, b = (side.response(capture.frequencies_hz, self.reference_hz) for side in sides)
+        tx, rx = (np.flatnonzero(side.gains) for side in sides)
         live = (..., tx[:, None], rx)
         measured = None if array.measured is None else array.measured[live]
         return replace(
@@ -115,7 +114,7 @@ class ArrayCalibration(Config):
         gains = np.concatenate([self.tx.gains, self.rx.gains])
         live = np.log(gains[gains != 0])
         return (
-            f"{len(self.tx.gain)} + {len(self.rx.gain)} antennas, {len(gains) - len(live)} dead, "
+            f"{len(gains)} antennas, {len(gains) - len(live)} dead, "
             f"from {self.source}; gains differ by {20 / np.log(10) * live.real.std():.2f} dB and "
             f"{np.degrees(live.imag.std()):.1f}° (RMS)"
         )

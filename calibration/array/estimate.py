@@ -56,10 +56,10 @@ def estimate_array(
     """
     mean = replace(capture, samples=capture.samples.mean(axis=0, keepdims=True), frame_times_s=None)
     balls = match(find_balls(mean, target, THRESHOLD_DB), target, "echoes")
-    missing = [str(i + 1) for i in range(len(target.element)) if i not in balls]
+    missing = [i + 1 for i in range(len(target.element)) if i not in balls]
     if missing:
         raise HandbenchError(
-            f"{source}: does not show all elements of the target (missing: {', '.join(missing)}), "
+            f"{source}: does not show all elements of the target (missing: {missing}), "
             "but an array calibration needs all; check the target's description and place"
         )
     first = _fit_responses(mean, target, _placed(target, balls), source)
@@ -74,10 +74,9 @@ def _fitted_balls(calibrated: RadarCapture, target: Target, source: str) -> dict
     balls = match(echoes, target, "echoes")
     for other in echoes:
         if all(np.any(other.peak_m != ball.peak_m) for ball in balls.values()):
-            place = ", ".join(f"{at_m:.3f}" for at_m in other.centre_m)
             raise HandbenchError(
-                f"{source}: something at ({place}) m echoes as strongly as a ball; remove it from "
-                "the view, and check the description of the target"
+                f"{source}: something at {other.centre_m.round(3)} m echoes as strongly as a "
+                "ball; remove it from the view, and check the description of the target"
             )
     balls = fit_balls(calibrated, target, balls, echoes)
     placed_m = _placed(target, balls)
@@ -124,7 +123,7 @@ def _fit_responses(
         a = _response(tx, k)[:, :, None]
         rx = _fit(samples.swapaxes(1, 2), (balls * a).swapaxes(1, 2), rx[1], k)
     rest = samples - balls * a * _response(rx, k)[:, None]
-    noise = float(np.mean(np.abs(rest) ** 2)) / 2  # per real and imaginary part
+    noise = np.mean(np.abs(rest) ** 2) / 2  # per real and imaginary part
     sides = [
         _side(leg.position_m, one, noise) for leg, one in zip(array.legs, (tx, rx), strict=True)
     ]

@@ -61,8 +61,8 @@ def refine(
     """
     if min(depth.z_m.shape) < 2:
         raise HandbenchError(
-            f"refine: the depth map has {depth.z_m.shape[0]} × {depth.z_m.shape[1]} pixels; "
-            "expected at least 2 × 2; image more pixels"
+            f"refine: the depth map has {depth.z_m.shape} pixels; expected at least (2, 2); "
+            "image more pixels"
         )
     distance_m, used, jacobian = _pixels(mesh_depths(start), depth)
     before_m, moved = distance_m, start
@@ -87,7 +87,7 @@ def refine(
     turn = Rotation.from_matrix(change[:3, :3]).magnitude()
     both = used & np.isfinite(before_m)
     before_mm, after_mm = (
-        1e3 * float(np.sqrt(np.mean(each_m[both] ** 2))) for each_m in (before_m, distance_m)
+        1e3 * np.sqrt(np.mean(each_m[both] ** 2)) for each_m in (before_m, distance_m)
     )
     worse = not after_mm <= before_mm + 1e3 * FINEST_M
     if unsteady or worse or shift > FARTHEST_M or turn > FARTHEST_RAD:
@@ -142,7 +142,7 @@ def _pixels(z_m: np.ndarray, depth: DepthMap) -> tuple[np.ndarray, np.ndarray, n
             f"{1e4 * SMALLEST_M2:.0f} cm²; check --transform, and that both show the same object"
         )
     # about zero, so that a distant start does not make all pixels outliers
-    scale_m = max(1.4826 * float(np.median(np.abs(shared_m))), FINEST_M)
+    scale_m = max(1.4826 * np.median(np.abs(shared_m)), FINEST_M)
     used = np.abs(distance_m) <= OUTLIER * scale_m
     turning = np.cross(_points(z_m, depth), normal)
     return distance_m, used, np.hstack([normal[used], turning[used]])

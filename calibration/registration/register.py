@@ -25,11 +25,7 @@ HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame
 
 
 def find_centres(
-    points_m: np.ndarray,
-    normals: np.ndarray,
-    capture: RadarCapture,
-    target: Target,
-    pixel_m: float = 0.0,
+    points_m: np.ndarray, normals: np.ndarray, capture: RadarCapture, target: Target, pixel_m: float
 ) -> tuple[Mapping[int, Candidate], Mapping[int, Candidate]]:
     """Measure the target's elements with both sensors: (foam spheres in the photo frame, balls in
     the radar frame), each by element index.
@@ -60,8 +56,8 @@ def common_pairs(
     optical: Mapping[int, Candidate],
     radar: Mapping[int, Candidate],
     target: Target,
-    capture: str = "target",
-    captures: int = 1,
+    capture: str,
+    captures: int,
 ) -> Pairs:
     """Pair the balls' centres from photographs and radar, for the elements (by index) that both
     have found. Raises HandbenchError for fewer than three.

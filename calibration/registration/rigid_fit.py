@@ -134,8 +134,8 @@ def fit(pairs: Pairs) -> tuple[np.ndarray, np.ndarray]:
         if np.abs(jacobian @ step).max() <= SETTLED * extent_m:
             break
     distances = near.distances(matrix)
-    freedom, misfit = 3 * len(pairs) - 6, float(distances @ distances)
-    inflation = max(1.0, misfit / freedom) if misfit > chdtri(freedom, 0.01) else 1.0
+    freedom, misfit = 3 * len(pairs) - 6, distances @ distances
+    inflation = misfit / freedom if misfit > chdtri(freedom, 0.01) else 1.0
     matrix[:3, 3] += q_mean - matrix[:3, :3] @ p_mean
     to_origin = adjoint(-q_mean) @ units
     covariance = inflation * to_origin @ cho_solve(factor, np.eye(6)) @ to_origin.T

@@ -45,7 +45,7 @@ def fit_balls(
     """
     # two balls at one place have one echo, and a fit of two to it fails
     for i, j in combinations(sorted(balls), 2):
-        apart_m = float(np.linalg.norm(balls[i].centre_m - balls[j].centre_m))
+        apart_m = np.linalg.norm(balls[i].centre_m - balls[j].centre_m)
         least_m = target.element[i].ball_radius_m + target.element[j].ball_radius_m
         if not apart_m >= least_m:
             raise HandbenchError(
@@ -83,9 +83,9 @@ def fit_balls(
             f"echoes: the echoes of balls {', '.join(str(i + 1) for i in balls)} are missing or "
             "cannot be distinguished; check that all balls are in view, or record the target again"
         ) from error
-    fitted, white = {}, float(np.mean(np.abs(fit.rest) ** 2))
+    fitted, white = {}, np.mean(np.abs(fit.rest) ** 2)
     for i, centre_m, spread_m2 in zip(elements, fit.places_m, fit.spread_m2, strict=True):
-        moved_m = float(np.linalg.norm(centre_m - balls[i].centre_m))
+        moved_m = np.linalg.norm(centre_m - balls[i].centre_m)
         if not moved_m < FARTHEST_M:
             raise HandbenchError(
                 f"echoes: the fit moves ball {i + 1} by {1e3 * moved_m:.1f} mm from its peak; "

@@ -109,20 +109,18 @@ def match(candidates: Sequence[Candidate], target: Target, sensor: str) -> dict[
     found.
     """
     needed = min(4, len(target.element))
-    found = assignments(candidates, target)
-    matched = len(found[0]) if found else 0
-    if matched < needed:
+    best, *others = assignments(candidates, target) or [{}]
+    if len(best) < needed:
         raise HandbenchError(
-            f"{sensor}: match {matched} elements of the target; expected at "
+            f"{sensor}: match {len(best)} elements of the target; expected at "
             f"least {needed} of {len(target.element)}; check the description of the target, the "
             "scale, and that all elements are in view"
         )
-    best = found[0]
-    if len(found) > 1:
+    if others:
         seen = ", ".join(str(element + 1) for element in sorted(best))
         raise HandbenchError(
-            f"{sensor}: the elements {seen} of the target can be matched in {len(found)} ways; "
-            "use a target without symmetry, and check that all its elements are in view"
+            f"{sensor}: the elements {seen} of the target can be matched in {1 + len(others)} "
+            "ways; use a target without symmetry, and check that all its elements are in view"
         )
     return {element: candidates[candidate] for element, candidate in best.items()}
 

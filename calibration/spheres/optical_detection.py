@@ -141,7 +141,7 @@ def fit_sphere(
         if np.linalg.norm(step_m) < 1e-8:
             break
     # a cap of this share of the sphere has unit vectors with a mean of length 1 − share
-    coverage = 1 - float(np.linalg.norm(design[u2 < 1, :3].mean(axis=0)))
+    coverage = 1 - np.linalg.norm(design[u2 < 1, :3].mean(axis=0))
     free_radius_m = radius_m + extra_m + np.linalg.lstsq(free, design.T @ score)[0][3]
     if (
         sigma_m > MAX_ROUGHNESS * radius_m
