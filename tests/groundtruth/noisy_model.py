@@ -64,7 +64,6 @@ class Noisy(NamedTuple):
 def noisy_model(
     seed=0,
     *,
-    views=5,
     points=40,
     seen_by=None,
     noise=1.0,
@@ -75,11 +74,11 @@ def noisy_model(
     depth=1.0,
     centres=(),
 ):
-    """Cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them, by
-    turns), and a board of five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of the
-    poses at the start, radians and 1/3 m. spread: of the cameras' places, 1: over 70°, less: turned
-    about themselves too, 0: all in one place. depth: of the points, 1: 160 mm, 0: on the board.
-    centres: of the cameras, in place of the arc."""
+    """Five cameras on an arc 0.6 m before the points, which all of them see (or `seen_by` of them,
+    by turns), and a board of five markers behind. noise: times FEATURE_PX and CORNER_PX. off: of
+    the poses at the start, radians and 1/3 m. spread: of the cameras' places, 1: over 70°, less:
+    turned about themselves too, 0: all in one place. depth: of the points, 1: 160 mm, 0: on the
+    board. centres: of the cameras, in place of the arc."""
     colmap, random = load_pycolmap(), np.random.default_rng(seed)
     model = colmap.Reconstruction()
     points_m = np.random.default_rng(99).uniform(
@@ -89,7 +88,7 @@ def noisy_model(
     square = np.array([(0, SIDE_M, 0), (SIDE_M, SIDE_M, 0), (SIDE_M, 0, 0), (0, 0, 0)])
     corners_m = {i: square + (*at, BOARD_M) for i, at in enumerate(MARKERS_M)}
     tracks, corners, poses = [[] for _ in points_m], {}, {}
-    for i, angle in enumerate(np.linspace(-0.6, 0.6, len(centres) or views)):
+    for i, angle in enumerate(np.linspace(-0.6, 0.6, len(centres) or 5)):
         camera = colmap.Camera(
             camera_id=1 if shared else i + 1,
             model="OPENCV",
@@ -116,7 +115,7 @@ def noisy_model(
 
         pixels = noisy(look(points_m), FEATURE_PX)
         for k, track in enumerate(tracks):
-            if seen_by is None or (i - k) % views < seen_by:
+            if seen_by is None or (i - k) % 5 < seen_by:
                 track.append(colmap.TrackElement(i + 1, k))
         turn = Rotation.from_rotvec(random.normal(0, off, 3)).as_matrix()
         start = colmap.Rigid3d(colmap.Rotation3d(turn @ R), t + random.normal(0, off / 3, 3))

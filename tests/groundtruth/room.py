@@ -44,30 +44,29 @@ def look(centre_m, size=(400, 300), room=0):
     return (picture.clip(0, 1) * 255).round().astype(np.uint8)
 
 
-def around(count, spread_rad=0.6, distance_m=1.2):
-    """`count` camera centres [3] on an arc about the corner."""
-    angles = np.pi / 4 + np.linspace(-spread_rad / 2, spread_rad / 2, count)
+def around(count):
+    """`count` camera centres [3] on an arc about the corner, over 0.6 rad, metres."""
+    angles = np.pi / 4 + np.linspace(-0.3, 0.3, count)
     return [
-        distance_m * np.array((np.cos(a), np.sin(a), 0.6 + 0.1 * (i % 2)))
-        for i, a in enumerate(angles)
+        1.2 * np.array((np.cos(a), np.sin(a), 0.6 + 0.1 * (i % 2))) for i, a in enumerate(angles)
     ]
 
 
-def true_camera(name, centre_m, params=(440.0, 440.0, 200.0, 150.0), size=(400, 300)):
+def true_camera(name, centre_m):
     """The camera at a place that looks at the origin."""
     R = camera_rotation(-np.array(centre_m))
     return Camera(
         name=name,
-        width=size[0],
-        height=size[1],
+        width=400,
+        height=300,
         model="PINHOLE",
-        params=params,
+        params=(440.0, 440.0, 200.0, 150.0),
         R=tuple(map(tuple, R.tolist())),
         t=tuple((-R @ centre_m).round(12).tolist()),  # nothing below 1e-30 is accepted
     )
 
 
-def photograph(folder, count=4, **options):
+def photograph(folder, count=4):
     """Write p0.png, p1.png, … of the room."""
     for i, centre_m in enumerate(around(count)):
-        Image.fromarray(look(centre_m, **options)).save(folder / f"p{i}.png")
+        Image.fromarray(look(centre_m)).save(folder / f"p{i}.png")

@@ -48,7 +48,7 @@ def test_one_camera_of_all_photographs_has_one_set_of_columns():
 def test_points_that_are_left_out_follow():
     """4 µrad of noise from 0.6 m at 17° between neighbours is some 20 µm, a few times that in one
     of 40."""
-    scene = noisy_model(views=5, seen_by=2, noise=0.01, off=5e-3)
+    scene = noisy_model(seen_by=2, noise=0.01, off=5e-3)
     adjusted(scene)
     assert np.abs(points_of(scene) - scene.points_m).max() < 2e-4
 
