@@ -1,5 +1,5 @@
-"""The documentation's commands are known, its links lead somewhere, its files are valid; and two
-conventions that no other test holds."""
+"""The documentation's commands are known, its links lead somewhere, its files are valid; and a
+convention that no other test holds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ from handbench.bench.datasets.native import CaptureFile
 from handbench.bench.scenes.scene_file import HandTarget, Mount, SceneFile
 from handbench.calibration.transforms import load_transform
 from handbench.cli import main
-from handbench.radar.data.grid import PixelGrid
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -83,7 +82,7 @@ def test_files_are_valid(page, tmp_path):
             load_transform(tmp_path / "t.json").require("photo", "radar", "page")
 
 
-# Conventions
+# A convention
 
 
 def test_targets_and_boards_are_placed():
@@ -94,9 +93,3 @@ def test_targets_and_boards_are_placed():
     np.testing.assert_allclose(moved_m, np.eye(3) + (0.01, -0.02, 0.3), atol=1e-15)
     board = Mount(rotation_deg=(0, 0, 0)).radar_from_photo()
     np.testing.assert_allclose(board.rotation, np.diag([-1, 1, -1]), atol=1e-15)
-
-
-def test_images_are_stored_rows_upwards():
-    points_m = PixelGrid(np.array([-0.01, 0.0, 0.01]), np.array([-0.02, 0.02])).points_m(0.3)
-    assert points_m[0, 0].tolist() == [-0.01, -0.02, 0.3]
-    assert points_m[1, 0].tolist() == [-0.01, 0.02, 0.3]

@@ -48,18 +48,10 @@ def test_a_command_imports_what_it_needs(made, command, code, needed):
     assert "compiling" not in done.stderr  # the kernels are there already
 
 
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("handbench reconstruct capture --meth", {"--method"}),
-        (
-            "handbench reconstruct capture --method 3fsk",
-            {id for id in METHODS if id.startswith("3fsk")},
-        ),
-    ],
-)
-def test_a_shell_completes(line, expected, tmp_path):
+def test_a_shell_completes_methods(tmp_path):
     """By argcomplete's protocol, as its shell functions speak it."""
+    line = "handbench reconstruct capture --method 3fsk"
+    expected = {id for id in METHODS if id.startswith("3fsk")}
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line))}
     asked |= {"_ARGCOMPLETE_IFS": "\n", "COMP_TYPE": "9"}
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "printed")}

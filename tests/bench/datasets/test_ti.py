@@ -40,9 +40,9 @@ def stream(samples, lanes=2, order="IQ"):
     return np.moveaxis(parts.reshape(*parts.shape[:-1], -1, 2), 0, -2).tobytes()
 
 
-def counted(frames):
-    """Samples that tell where they belong, and their conjugates' means over the three loops."""
-    frame, loop, chirp, rx, n = np.indices((frames, 3, 2, 4, 8))
+def counted():
+    """Two frames that tell where they belong, and their conjugates' means over the three loops."""
+    frame, loop, chirp, rx, n = np.indices((2, 3, 2, 4, 8))
     i = 4000 * frame + 1000 * loop + 300 * chirp + 40 * rx + n
     samples = i + 1j * (-i - 7)
     return samples, samples.mean(axis=1).conj().transpose(0, 3, 1, 2)
@@ -60,7 +60,7 @@ def write(folder, cfg=CFG, numbers=b"", places=True):
 @pytest.mark.parametrize(("lanes", "order"), [(2, "IQ"), (2, "QI"), (4, "IQ")])
 def test_every_number_is_in_its_place(tmp_path, lanes, order):
     cfg = CFG.replace("-1 0 0 1 1", f"-1 0 {int(order == 'QI')} {int(lanes == 2)} 1")
-    samples, expected = counted(2)
+    samples, expected = counted()
     source, out = write(tmp_path, cfg, stream(samples, lanes, order)), tmp_path / "out"
     assert main(["import", "ti-raw", str(source), "-o", str(out)]) == 0
     echoes = hb.load(out).echoes
@@ -72,7 +72,7 @@ def test_every_number_is_in_its_place(tmp_path, lanes, order):
 
 
 def test_loops_as_frames_of_two_receivers_in_two_files(tmp_path, capsys):
-    samples = counted(2)[0][..., ::2, :]
+    samples = counted()[0][..., ::2, :]
     cfg = CFG.replace("channelCfg 15", "channelCfg 5").replace("3 0 100", "3 4 100")
     write(tmp_path, cfg, stream(samples)[:99]).joinpath("adc_data.bin").rename(tmp_path / "a_2.bin")
     (tmp_path / "a_10.bin").write_bytes(stream(samples)[99:])
@@ -141,7 +141,7 @@ def test_a_boards_own_files(tmp_path):
     ],
 )
 def test_profiles_that_do_not_fit_are_refused(tmp_path, old, new, place):
-    write(tmp_path, CFG.replace(old, new, 1), stream(counted(2)[0]), places=bool(old))
+    write(tmp_path, CFG.replace(old, new, 1), stream(counted()[0]), places=bool(old))
     refuse(lambda: import_ti_raw(tmp_path, tmp_path / "out"), str(tmp_path), place)
 
 

@@ -49,9 +49,9 @@ def test_the_papers_table(metric, golden):
         assert round(score(np.full((3, 3), 0.3017), np.full((3, 3), 0.3))[metric], 1) == golden[1]
 
 
-def plane_m(n: int = 30) -> np.ndarray:
-    """A plane at 0.3 m that fills the inner part of an n × n grid."""
-    z_m = np.full((n, n), np.nan)
+def plane_m() -> np.ndarray:
+    """A plane at 0.3 m that fills the inner part of the grid."""
+    z_m = np.full((30, 30), np.nan)
     z_m[5:-5, 5:-5] = 0.3
     return z_m
 

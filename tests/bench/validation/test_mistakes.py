@@ -1,7 +1,7 @@
 """Mistakes in data that every reader accepts, and the cure that `handbench inspect` names.
 
-The echoes are sums of exponentials over points of an L-shaped plate, written here, and the mistakes
-are put into the files: nothing is shared with the checks."""
+The echoes are sums of exponentials over points of an L-shaped plate, and the mistakes are put into
+the files: nothing is shared with the checks."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from handbench.bench.validation.inspection import inspect
 from handbench.bench.validation.mistakes import conjugation_warnings, step_warnings
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
+from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.echoes_file import save_capture
+from tests.radar.simulated_points import exact_capture
 
 TONES_HZ = np.r_[np.linspace(72e9, 82e9, 8), 81.8e9, 79.5e9]
 CORNERS_M = np.array([(-30, -40), (20, -40), (20, -20), (-10, -20), (-10, 40), (-30, 40)]) * 1e-3
@@ -35,17 +36,6 @@ def depth_m(x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
     return Z_M + 0.1 * x_m + 0.15 * y_m
 
 
-def points_before(array: AntennaArray, tones_hz: np.ndarray, points_m: np.ndarray) -> RadarCapture:
-    """The echoes of points."""
-    wave = -2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None, None]
-    legs = (
-        np.exp(wave * np.linalg.norm(points_m[:, None] - places_m, axis=2))
-        for places_m in (array.tx_m, array.rx_m)
-    )
-    samples = np.einsum("fpt,fpr->ftr", *legs, optimize=True)
-    return RadarCapture(samples[None].astype(np.complex64), tones_hz, array)
-
-
 @pytest.fixture(scope="module")
 def right() -> RadarCapture:
     """Of 150 points, evenly spread over an L that leans, before every second antenna."""
@@ -53,7 +43,7 @@ def right() -> RadarCapture:
     inside = (x > -0.03) & (x < 0.02) & ((y < -0.02) | (x < -0.01))
     x, y = x[inside][:150], y[inside][:150]
     array = AntennaArray(qar50().tx_m[::2], qar50().rx_m[::2])
-    return points_before(array, TONES_HZ, np.stack([x, y, depth_m(x, y)], axis=1))
+    return exact_capture(np.stack([x, y, depth_m(x, y)], axis=1), TONES_HZ, array=array)
 
 
 def written(folder: Path, capture: RadarCapture) -> Path:
@@ -156,7 +146,7 @@ def test_right_echoes_are_not_accused_whatever_the_band_and_the_place(tones_hz):
     for number in range(3):
         distance_m = 10 ** draw.uniform(np.log10(0.15), np.log10(0.9))
         points_m = draw.uniform(-0.3, 0.3, (draw.integers(1, 6), 3)) * distance_m
-        capture = points_before(CROSS, tones_hz, points_m + [0, 0, distance_m])
+        capture = exact_capture(points_m + [0, 0, distance_m], tones_hz, array=CROSS)
         noise = np.random.default_rng(1).standard_normal((*capture.samples.shape, 2)) @ [1, 1j]
         noise *= 0.1 * (number % 2) * np.abs(capture.samples).max()
         noisy = replace(capture, samples=(capture.samples + noise).astype(np.complex64))
@@ -167,15 +157,11 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     """The scan is of a transceiver that is moved over a square before a point."""
     point_m, tones_hz = np.array([[-0.03, 0.0, 0.3]]), BANDS_HZ["26 GHz"][::5]
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
-    columns = points_before(array, BANDS_HZ["few"], point_m)
+    columns = exact_capture(point_m, BANDS_HZ["few"], array=array)
     columns.samples[:, :, ::2] = 0
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
     places_m = np.mgrid[-0.05:0.05:10j, -0.05:0.05:10j, 0:1].reshape(3, -1).T
-    path_m = 2 * np.linalg.norm(places_m - point_m, axis=1)
-    samples = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)
-    scan = RadarCapture(
-        samples[None].astype(np.complex64), tones_hz, AntennaPairs(places_m, places_m)
-    )
+    scan = exact_capture(point_m, tones_hz, array=AntennaPairs(places_m, places_m))
     for capture in (columns, scan, one):
         [text] = conjugation_warnings(conjugate(capture))
         assert list(conjugation_warnings(capture)) == [] and "conjugate" in text
@@ -183,12 +169,10 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
 
 def test_a_scan_s_wrong_step_is_told_by_the_bend_of_its_point():
     steps_m = np.mgrid[-0.12:0.12:13j, -0.12:0.12:13j, 0:1].reshape(3, -1).T
-    path_m = 2 * np.linalg.norm(steps_m - [0.02, 0.01, 0.3], axis=1)
-    tones_hz = BANDS_HZ["26 GHz"]
-    echoes = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * tones_hz[:, None] * path_m)[None]
+    scan = AntennaPairs(steps_m, steps_m)
+    right = exact_capture((0.02, 0.01, 0.3), BANDS_HZ["26 GHz"], array=scan)
     for factor in (1.0, 0.8):
-        scan = AntennaPairs(factor * steps_m, factor * steps_m)
-        capture = RadarCapture(echoes.astype(np.complex64), tones_hz, scan)
+        capture = replace(right, aperture=AntennaPairs(factor * steps_m, factor * steps_m))
         assert ["1.25" in text for text in step_warnings(capture)] == [True] * (factor < 1)
 
 
