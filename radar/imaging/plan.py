@@ -133,7 +133,7 @@ class TreePlan:
             numbers = sorted({*numbers, *leaves})
             stacked = stack([self.leaf(leaf) for leaf in numbers])
             self._stacks[cell] = numbers, stacked
-        return stacked.part(np.searchsorted(numbers, leaves))
+        return stacked if leaves == numbers else stacked.part(np.searchsorted(numbers, leaves))
 
     def sort(self, points_m: np.ndarray) -> SortedPoints:
         """Sort points [n, 3] of the box, in metres, by the cell and leaf (smaller boxes) that

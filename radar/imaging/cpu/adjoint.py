@@ -17,7 +17,7 @@ def radiate(
     reference_m: np.ndarray,
 ) -> np.ndarray:
     """Compute the echo samples of a leaf (a smallest box) from scatterers in it, the adjoint of
-    `forward.gather`: complex64 [k, a, b],
+    `forward.gather`: [k, a, 2, b], 2 for real and imaginary part,
 
         S_k[a, b] = Σ_p g_a(p) g_b(p) exp(−j2πf_k(ΔR_a(p) + ΔR_b(p))/c).
 
@@ -35,10 +35,9 @@ def radiate(
         waves.append(wave)
     n_a, n_b = (wave.shape[1] // 2 for wave in waves)
     product = waves[0] @ waves[1].swapaxes(1, 2)
-    samples = np.empty((len(product), n_a, n_b), np.complex64)
-    samples.real = product[:, :n_a, :n_b] - product[:, n_a:, n_b:]
-    samples.imag = product[:, :n_a, n_b:] + product[:, n_a:, :n_b]
-    return samples
+    re = product[:, :n_a, :n_b] - product[:, n_a:, n_b:]
+    im = product[:, :n_a, n_b:] + product[:, n_a:, :n_b]
+    return np.stack([re, im], axis=2)
 
 
 @njit(**FAST)

@@ -22,7 +22,7 @@ from handbench.support.parallel import for_each, one_blas_thread
 
 Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
-LEAVES = 6  # whose samples are computed at once: they stay in the second-level cache
+SAMPLES = 1 << 18  # of leaves, computed at once: 1 MB, so that calls cost little
 ROWS = 16  # pixels along y of one piece of work
 
 
@@ -31,7 +31,8 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     keeps all tones, else [1, points], the sum of all tones. The images are in the order before
     sorting. samples: complex [f, t, r], or [f, n] of a scan."""
     with one_blas_thread():
-        every = samples.astype(np.complex64).reshape(*samples.shape[:2], -1)
+        every = np.stack([samples.real, samples.imag], axis=2).astype(np.float32)
+        every = every.reshape(*every.shape[:3], -1)
         root = to_child(every, plan.root_node.turns_per_m, *plan.top_node.step)
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
@@ -39,9 +40,10 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
         cell, leaves = group
         node, stack = plan.cell(cell), plan.stack(where.leaf[leaves].tolist())
         of_cell = to_child(root, plan.top_node.turns_per_m, *node.step)
+        most = max(SAMPLES // of_cell.size, 1)
         below = [
-            to_child(of_cell, node.turns_per_m, *(part[i : i + LEAVES] for part in stack.step))
-            for i in range(0, len(stack.counts), LEAVES)
+            to_child(of_cell, node.turns_per_m, *(part[i : i + most] for part in stack.step))
+            for i in range(0, len(stack.counts), most)
         ]
         gather(
             np.concatenate(below),
@@ -75,11 +77,11 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
 
     def work(cell: int) -> None:
         node = plan.cell(cell)
-        samples = np.zeros((), np.complex64)
+        samples = np.zeros((), np.float32)
         for i in range(len(where.leaf))[groups[cell]]:
             leaf, start, stop = plan.leaf(int(where.leaf[i])), where.starts[i], where.starts[i + 1]
             numbers = leaf.numbers[0], leaf.numbers[1]
-            inner = np.zeros((), np.complex64)
+            inner = np.zeros((), np.float32)
             for at in range(start, stop, BLOCK):
                 here = slice(at, min(at + BLOCK, stop))
                 points_m = np.ascontiguousarray(where.points_m[:, here])
@@ -90,8 +92,9 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
 
     for_each(work, list(groups))
     with one_blas_thread():  # parts are added in order: no result depends on the threads
-        samples = sum((parts[cell] for cell in groups), np.zeros((), np.complex64))
-        return _up(samples, plan.root_node, plan.top_node)
+        samples = sum((parts[cell] for cell in groups), np.zeros((), np.float32))
+        every = _up(samples, plan.root_node, plan.top_node)
+    return every[:, :, 0] + 1j * every[:, :, 1]
 
 
 def volume(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray, carrier: bool) -> np.ndarray:

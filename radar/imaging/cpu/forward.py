@@ -1,10 +1,11 @@
 """Fast imaging by the tree of boxes: samples → images of the points in a cell.
 
-Each step from a box to a smaller box in it multiplies the samples by phases and by real weights,
-which combine tones and antennas (`to_child`); `to_parent` is its adjoint. In a leaf, a smallest
-box, phases come from differences ΔR between the paths to a point and to the box's centre. ΔR is
-computed in float64, less that of a reference point near the aperture; the remainder differs little
-between antennas, so float32 is enough for its phase.
+Samples are float32 arrays [tone, transmitter, re/im, receiver], of which real matrices combine any
+axis without a copy. Each step from a box to a smaller box in it multiplies the samples by phases
+and by real weights, which combine tones and antennas (`to_child`); `to_parent` is its adjoint. In a
+leaf, a smallest box, phases come from differences ΔR between the paths to a point and to the box's
+centre. ΔR is computed in float64, less that of a reference point near the aperture; the remainder
+differs little between antennas, so float32 is enough for its phase.
 """
 
 import math
@@ -30,8 +31,8 @@ def to_child(
     of_a: np.ndarray,
     of_b: np.ndarray,
 ) -> np.ndarray:
-    """Compute the samples M of a box, complex64 [m, a, b], from those of its parent box, S [f, t,
-    r], for tones, transmitters and receivers:
+    """Compute the samples M of a box [m, a, 2, b], 2 for real and imaginary part, from those of its
+    parent box, S [f, t, 2, r], for tones, transmitters and receivers:
 
         M[m, a, b] = Σ_f Σ_t Σ_r L[m, f] X[a, t] Y[b, r] exp(j2πf(Δ_t + Δ_r)/c) S[f, t, r].
 
@@ -52,15 +53,15 @@ def to_parent(
     of_a: np.ndarray,
     of_b: np.ndarray,
 ) -> np.ndarray:
-    """Compute what the samples [m, a, b] of a box contribute to the samples [f, t, r] of its parent
-    box: the adjoint of `to_child`, with the same arguments."""
+    """Compute what the samples [m, a, 2, b] of a box contribute to those of its parent box, [f, t,
+    2, r]: the adjoint of `to_child`, with the same arguments."""
     return _turned(_combined(samples, of_tones.T, of_a.T, of_b.T), -turns_per_m, shift_a, shift_b)
 
 
 def _turned(
     samples: np.ndarray, turns_per_m: np.ndarray, shift_a: np.ndarray, shift_b: np.ndarray
 ) -> np.ndarray:
-    turned = np.empty((*shift_a.shape[:-1], *samples.shape), np.complex64)
+    turned = np.empty((*shift_a.shape[:-1], *samples.shape), np.float32)
     shape = -1, *samples.shape
     _turn(
         samples, turns_per_m, np.atleast_2d(shift_a), np.atleast_2d(shift_b), turned.reshape(shape)
@@ -79,36 +80,30 @@ def _turn(samples, turns_per_m, shift_a, shift_b, out):  # type: ignore[no-untyp
                 a_re, a_im = cis_turns(turns_per_m[m] * shift_a[i, a])
                 for b in range(len(b_re)):
                     re, im = a_re * b_re[b] - a_im * b_im[b], a_re * b_im[b] + a_im * b_re[b]
-                    value = samples[m, a, b]
-                    out[i, m, a, b] = complex(
-                        value.real * re - value.imag * im, value.real * im + value.imag * re
-                    )
+                    out[i, m, a, 0, b] = samples[m, a, 0, b] * re - samples[m, a, 1, b] * im
+                    out[i, m, a, 1, b] = samples[m, a, 0, b] * im + samples[m, a, 1, b] * re
 
 
 def _combined(
     samples: np.ndarray, of_tones: np.ndarray, of_a: np.ndarray, of_b: np.ndarray
 ) -> np.ndarray:
-    *boxes, tones, n_a, n_b = samples.shape
+    *boxes, tones, n_a, _, n_b = samples.shape
     if of_tones.size:
-        mixed = _times(of_tones, samples.reshape(*boxes, tones, n_a * n_b))
-        samples = mixed.reshape(*mixed.shape[:-1], n_a, n_b)
+        samples = of_tones @ samples.reshape(*boxes, tones, -1)
+    samples = samples.reshape(*boxes, -1, n_a, 2 * n_b)
     if of_a.size:
-        samples = _times(of_a[..., None, :, :], samples)
+        samples = of_a[..., None, :, :] @ samples
+    rows = samples.reshape(*boxes, -1, n_b)
     if of_b.size:
-        samples = _times(of_b[..., None, :, :], samples.swapaxes(-1, -2)).swapaxes(-1, -2)
-    return np.ascontiguousarray(samples)
-
-
-def _times(weights: np.ndarray, samples: np.ndarray) -> np.ndarray:
-    """Multiply real with complex matrices: half the work of complex with complex ones."""
-    return (weights @ np.ascontiguousarray(samples).view(np.float32)).view(np.complex64)
+        rows = rows @ of_b.swapaxes(-1, -2)
+    return rows.reshape(*samples.shape[:-1], 2, -1)
 
 
 @njit(**FAST)
 def gather(  # type: ignore[no-untyped-def]
     samples, counts, centre_m, turns_per_m, legs, passes, reference_m, points_m, starts, images
 ):
-    """Image the points of n leaves from their samples, complex64 [n, k, a, b].
+    """Image the points of n leaves from their samples [n, k, a, 2, b].
 
     counts to legs: their `NodeStack`'s, of each leg the lengths and positions; points_m [3, p]: all
     points, of which starts[i]:starts[i + 1] are in leaf i. The result is written to the same
@@ -162,9 +157,9 @@ def gather(  # type: ignore[no-untyped-def]
                 # Σ_a Σ_b of the waves and the samples, with complex numbers as real matrices
                 for a in range(n_a):
                     for b in range(n_b):
-                        value = samples[i, m, a, b]
-                        stacked[a, b] = stacked[n_a + a, n_b + b] = value.real
-                        stacked[n_a + a, b], stacked[a, n_b + b] = value.imag, -value.imag
+                        stacked[a, b] = stacked[n_a + a, n_b + b] = samples[i, m, a, 0, b]
+                        stacked[n_a + a, b] = samples[i, m, a, 1, b]
+                        stacked[a, n_b + b] = -stacked[n_a + a, b]
                 np.dot(stacked, waves[2 * n_a :], u)
                 for a in range(n_a):
                     for p in range(n):
