@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from handbench.groundtruth.photos.photos import Photo, read_alpha, read_gray
-from handbench.groundtruth.photos.pictures import open_picture
+from handbench.groundtruth.photos.pictures import ORIENTATION, open_picture
 from handbench.support.errors import HandbenchError
 from handbench.support.files import one_form, require_folder
 
-ORIENTATION = 0x0112  # EXIF's tag
-TURNS = {6: 1, 8: 3}  # its value → quarter turns from the upright to the stored picture
+# ORIENTATION's value → quarter turns from the upright to the stored picture
+TURNS = {6: 1, 8: 3}
 
 
 def read_mask(photo: Photo, folder: Path | None) -> np.ndarray:
