@@ -74,6 +74,21 @@ class Box(NamedTuple):
         return Box(*np.array(edges_m).T)
 
 
+class Step(NamedTuple):
+    """What makes the samples of a box from those of its parent (`radar.imaging.cpu.forward`).
+
+    shift_a [t], shift_b [r]: path lengths Δ to transmitters and receivers, metres, which change the
+    reference of phases to the box's centre; of_tones [m, f], of_a [a, t], of_b [b, r]: the real
+    weights L, X and Y, of which empty ones leave their axis unchanged.
+    """
+
+    shift_a: np.ndarray
+    shift_b: np.ndarray
+    of_tones: np.ndarray
+    of_a: np.ndarray
+    of_b: np.ndarray
+
+
 @dataclass(frozen=True)
 class Node:
     """A box of the tree with the tones and antennas that it keeps, and the weights that combine the
@@ -100,10 +115,10 @@ class Node:
     shifts_m: tuple[np.ndarray, ...]
 
     @cached_property
-    def step(self) -> tuple[np.ndarray, ...]:
-        """Shifts and weights that make the parent's samples those of this box
-        (`radar.imaging.cpu.forward.to_child`)."""
-        return (*self.shifts_m, self.tone_weights, *self.leg_weights)
+    def step(self) -> Step:
+        """The step from the parent's samples to those of this box."""
+        (shift_a, shift_b), (of_a, of_b) = self.shifts_m, self.leg_weights
+        return Step(shift_a, shift_b, self.tone_weights, of_a, of_b)
 
 
 class NodeStack(NamedTuple):
@@ -128,10 +143,10 @@ class NodeStack(NamedTuple):
         return NodeStack(counts, centre_m, turns_per_m, tone_weights, legs)
 
     @property
-    def step(self) -> tuple[np.ndarray, ...]:
-        """Shifts and weights that make the parent's samples those of these boxes (`Node.step`)."""
+    def step(self) -> Step:
+        """The step from the parent's samples to those of these boxes."""
         (of_a, shift_a, _, _), (of_b, shift_b, _, _) = self.legs
-        return shift_a, shift_b, self.tone_weights, of_a, of_b
+        return Step(shift_a, shift_b, self.tone_weights, of_a, of_b)
 
     @property
     def places(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:

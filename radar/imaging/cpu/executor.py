@@ -17,7 +17,7 @@ from handbench.radar.imaging.cpu.forward import BLOCK, gather, to_child, to_pare
 from handbench.radar.imaging.cpu.steering import restore_carrier
 from handbench.radar.imaging.peaks import strongest
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
-from handbench.radar.imaging.tree import Node
+from handbench.radar.imaging.tree import Node, Step
 from handbench.support.parallel import for_each, one_blas_thread
 
 Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
@@ -33,16 +33,16 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> np.ndarra
     with one_blas_thread():
         every = np.stack([samples.real, samples.imag], axis=2).astype(np.float32)
         every = every.reshape(*every.shape[:3], -1)
-        root = to_child(every, plan.root_node.turns_per_m, *plan.top_node.step)
+        root = to_child(every, plan.root_node.turns_per_m, plan.top_node.step)
     images = np.empty((len(samples) if plan.family.per_tone else 1, len(where.order)), np.complex64)
 
     def work(group: tuple[int, slice]) -> None:
         cell, leaves = group
         node, stack = plan.cell(cell), plan.stack(where.leaf[leaves].tolist())
-        of_cell = to_child(root, plan.top_node.turns_per_m, *node.step)
+        of_cell = to_child(root, plan.top_node.turns_per_m, node.step)
         most = max(SAMPLES // of_cell.size, 1)
         below = [
-            to_child(of_cell, node.turns_per_m, *(part[i : i + most] for part in stack.step))
+            to_child(of_cell, node.turns_per_m, Step(*(part[i : i + most] for part in stack.step)))
             for i in range(0, len(stack.counts), most)
         ]
         gather(
@@ -169,4 +169,4 @@ def _upsample(
 
 
 def _up(samples: np.ndarray, parent: Node, child: Node) -> np.ndarray:
-    return to_parent(samples, parent.turns_per_m, *child.step)
+    return to_parent(samples, parent.turns_per_m, child.step)

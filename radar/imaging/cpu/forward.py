@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from handbench.radar.imaging.cpu.steering import cis_small, cis_turns
+from handbench.radar.imaging.tree import Step
 from handbench.support.compiled import FAST, INNER, njit
 
 # points per matrix product; fewer where the factors would exceed the second-level cache
@@ -22,40 +23,28 @@ SECOND_LEVEL = 65536  # antennas × points
 VECTOR = 32
 
 
-def to_child(
-    samples: np.ndarray,
-    turns_per_m: np.ndarray,
-    shift_a: np.ndarray,
-    shift_b: np.ndarray,
-    of_tones: np.ndarray,
-    of_a: np.ndarray,
-    of_b: np.ndarray,
-) -> np.ndarray:
+def to_child(samples: np.ndarray, turns_per_m: np.ndarray, step: Step) -> np.ndarray:
     """Compute the samples M of a box [m, a, 2, b], 2 for real and imaginary part, from those of its
     parent box, S [f, t, 2, r], for tones, transmitters and receivers:
 
         M[m, a, b] = Σ_f Σ_t Σ_r L[m, f] X[a, t] Y[b, r] exp(j2πf(Δ_t + Δ_r)/c) S[f, t, r].
 
-    turns_per_m [f]: f/c; shift_a [t], shift_b [r]: Δ, metres, which change the reference of phases
-    to the box's centre; of_tones, of_a, of_b: the real weights L, X and Y, of which empty ones
-    leave their axis unchanged. For n boxes of one parent, all but turns_per_m have one more axis
-    [n], and so has the result.
+    turns_per_m [f]: f/c of the parent's tones; step: Δ, L, X and Y. A step to n boxes of one parent
+    has one more axis [n], and so has the result.
     """
-    return _combined(_turned(samples, turns_per_m, shift_a, shift_b), of_tones, of_a, of_b)
+    return _combined(
+        _turned(samples, turns_per_m, step.shift_a, step.shift_b),
+        step.of_tones,
+        step.of_a,
+        step.of_b,
+    )
 
 
-def to_parent(
-    samples: np.ndarray,
-    turns_per_m: np.ndarray,
-    shift_a: np.ndarray,
-    shift_b: np.ndarray,
-    of_tones: np.ndarray,
-    of_a: np.ndarray,
-    of_b: np.ndarray,
-) -> np.ndarray:
+def to_parent(samples: np.ndarray, turns_per_m: np.ndarray, step: Step) -> np.ndarray:
     """Compute what the samples [m, a, 2, b] of a box contribute to those of its parent box, [f, t,
     2, r]: the adjoint of `to_child`, with the same arguments."""
-    return _turned(_combined(samples, of_tones.T, of_a.T, of_b.T), -turns_per_m, shift_a, shift_b)
+    combined = _combined(samples, step.of_tones.T, step.of_a.T, step.of_b.T)
+    return _turned(combined, -turns_per_m, step.shift_a, step.shift_b)
 
 
 def _turned(
