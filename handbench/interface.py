@@ -477,7 +477,7 @@ def operator(
     Raises:
         HandbenchError: a scan instead of an array, or an invalid argument.
     """
-    from handbench.radar.operator import operator as of_points
+    from handbench.radar.simulation.forward import operator as of_points
 
     return of_points(array, frequencies_hz, grid, tolerance)
 
@@ -546,7 +546,7 @@ def save_capture(
     import numpy as np
 
     from handbench.bench.datasets.native import save_echoes_folder
-    from handbench.radar.data.recording import to_capture
+    from handbench.radar.data.capture import to_capture
     from handbench.support.errors import HandbenchError
 
     if Path(folder).exists():

@@ -20,8 +20,7 @@ from handbench.bench.datasets.mapping import (
 )
 from handbench.bench.datasets.named_arrays import read_named
 from handbench.bench.datasets.native import MAPPING, CaptureFile, NativeCapture
-from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.recording import to_capture
+from handbench.radar.data.capture import RadarCapture, to_capture
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 

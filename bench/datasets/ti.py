@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, load_positions
-from handbench.radar.data.recording import to_capture
+from handbench.radar.data.capture import to_capture
 from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
@@ -89,7 +89,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
     of `ChirpProfile` that replace those in the folder's .cfg. Raises HandbenchError if the files do
     not agree with the profile.
     """
-    from handbench.radar.methods.measured_tones import measured_settings
+    from handbench.radar.methods.ability import measured_settings
 
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings)

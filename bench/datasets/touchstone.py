@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from handbench.bench.datasets.native import save_echoes_folder
-from handbench.radar.data.recording import to_capture
+from handbench.radar.data.capture import to_capture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside, read_parsed, require_file, require_folder, require_size
@@ -41,7 +41,7 @@ def import_touchstone(source: Path, folder: Path, /, **settings: Any) -> None:
     position, else a list of pairs of antennas. settings: fields of `TouchstoneSettings`. Raises
     HandbenchError for files of another format, or with different frequencies.
     """
-    from handbench.radar.methods.measured_tones import measured_settings
+    from handbench.radar.methods.ability import measured_settings
 
     source = require_folder(source, f"{POSITIONS} and .s1p or .s2p files")
     parameter = parse(TouchstoneSettings, settings, "--set").parameter

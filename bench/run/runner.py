@@ -37,7 +37,7 @@ from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.options import Quality
 from handbench.groundtruth.pipeline import CLOUD, MESH
-from handbench.radar.imaging.cpu.forward import gather
+from handbench.radar.imaging.boxes import gather
 from handbench.radar.imaging.device import current_device
 from handbench.support.compiled import announce
 from handbench.support.errors import HandbenchError

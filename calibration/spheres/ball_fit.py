@@ -18,7 +18,7 @@ from handbench.calibration.spheres.description import Candidate, Target
 from handbench.calibration.spheres.echo_fit import fit_places, specular_echo, with_derivatives
 from handbench.calibration.spheres.radar_detection import mimo_array
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.imaging.exact import exact_images
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 

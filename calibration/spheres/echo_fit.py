@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.exact import path_lengths
-from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.imaging.exact import path_lengths
+from handbench.radar.imaging.steering import phasor
 from handbench.radar.simulation.physics.spheres import half_angle_cosine, path_gradients
 
 MAX_STEPS = 12

@@ -17,7 +17,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture, scaled_to_one, thin_antennas
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_volume
-from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.imaging.exact import exact_images
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 

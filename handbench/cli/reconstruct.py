@@ -68,7 +68,7 @@ def _check(
     the relative error.
     settings: configuration of the method, with tones and grid. Raises HandbenchError if the error
     is larger than its tolerance."""
-    from handbench.radar.imaging.reference import imaging_error
+    from handbench.radar.imaging.exact import imaging_error
 
     samples, frequencies_hz = echoes.tones(settings.frequencies_hz, options.frame)
     error = imaging_error(

@@ -151,6 +151,15 @@ def range_cell_m(frequencies_hz: np.ndarray) -> float:
     return SPEED_OF_LIGHT_M_S / 2 / float(np.ptp(frequencies_hz))
 
 
+def lateral_cell_m(
+    wavelength_m: float, extent_m: np.ndarray | float, z_m: float
+) -> np.ndarray | float:
+    """Compute the resolution λz/2D across the view, metres, at depth z of antennas that extend over
+    D = extent_m (0: infinite)."""
+    with np.errstate(divide="ignore"):
+        return np.divide(wavelength_m * z_m / 2, extent_m)
+
+
 def range_period_m(frequencies_hz: np.ndarray) -> float:
     """Compute the range c/2Δf, metres, after which echoes at tones [f] repeat, from the smallest
     distance Δf of two different tones."""

@@ -13,9 +13,8 @@ import numpy as np
 from pydantic import Field
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, positions
-from handbench.radar.data.capture import RadarCapture, as_complex64
+from handbench.radar.data.capture import RadarCapture, as_complex64, to_capture
 from handbench.radar.data.hdf5 import attribute, read
-from handbench.radar.data.recording import to_capture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, plain_json, require_file

@@ -16,10 +16,8 @@ import numpy as np
 from handbench.radar.data.arrays import Aperture, positions, tones
 from handbench.radar.data.capture import largest_part
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.cpu import executor as cpu
+from handbench.radar.imaging import cpu, gpu
 from handbench.radar.imaging.device import Array, current_device, to_host
-from handbench.radar.imaging.gpu import executor as gpu
-from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.plan import (
     COARSER,
     REUSED,
@@ -135,7 +133,9 @@ def project_volume(
     check(tolerance)
     _check_samples(samples, frequencies_hz, aperture)
     if tolerance is None:
-        return strongest_voxels(image_volume(samples, frequencies_hz, aperture, grid, None))
+        volume = image_volume(samples, frequencies_hz, aperture, grid, None)
+        exact: tuple[np.ndarray, np.ndarray] = cpu.strongest(volume.real.copy(), volume.imag.copy())
+        return exact
     plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, False))
     peaks: tuple[np.ndarray, np.ndarray] = _engine().project(
         plan, *_node_images(plan, samples, frequencies_hz, aperture, grid.z_m)

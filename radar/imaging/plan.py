@@ -1,7 +1,7 @@
 """Plans: everything that imaging and simulation compute from the geometry alone, for a box of
 points or a voxel grid.
 
-A plan uses no samples. Executors (`radar.imaging.cpu.executor`, `radar.imaging.gpu.executor`) apply
+A plan uses no samples. Executors (`radar.imaging.cpu`, `radar.imaging.gpu`) apply
 it to samples, for images of points, for their adjoint (echoes of points), and for volumes by
 band-limited upsampling. Plans are cached per geometry.
 """

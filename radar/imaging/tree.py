@@ -23,8 +23,8 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture, Leg
-from handbench.radar.imaging.cpu.steering import probe_gains, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
+from handbench.radar.imaging.steering import probe_gains, steered_differences
 
 # Kept members, at least → factor of the tolerance below which a skeleton's worst residual is. The
 # errors of many members average out. With five or fewer they are similar and near the bound: those
@@ -75,7 +75,7 @@ class Box(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What makes the samples of a box from those of its parent (`radar.imaging.cpu.forward`).
+    """What makes the samples of a box from those of its parent (`radar.imaging.boxes`).
 
     shift_a [t], shift_b [r]: path lengths Δ to transmitters and receivers, metres, which change the
     reference of phases to the box's centre; of_tones [m, f], of_a [a, t], of_b [b, r]: the real

@@ -1,4 +1,5 @@
-"""What the antennas and tones of a capture can show, in sentences for the user."""
+"""What the antennas and tones of a capture can show, in sentences for the user, and the settings of
+methods for these tones."""
 
 from __future__ import annotations
 
@@ -8,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, range_cell_m
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, lateral_cell_m, range_cell_m
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.evidence import (
     different_frames,
@@ -16,21 +17,24 @@ from handbench.radar.methods.evidence import (
     needed_tones,
     shortest_m,
 )
-from handbench.radar.methods.measured_tones import measured_settings
+from handbench.radar.methods.fsk import ENOUGH
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.errors import HandbenchError
+
+LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
+CLIMB = 12.5  # ratio of the third tone's distance to that of the pair: 2.5 GHz in the paper
 
 
 def abilities(capture: RadarCapture, z_m: float) -> Iterator[str]:
     """Yield sentences about a capture's aperture, its resolution at a depth, the ambiguity of its
     tones, and its noise."""
     hz = np.unique(capture.vacuum_hz)
-    wide_mm, high_mm = 1e3 * live_extents_m(capture)[:2]
-    with np.errstate(divide="ignore"):
-        cells_mm = 1e6 * shortest_m(capture) * z_m / 2 / np.array([wide_mm, high_mm])
+    extents_m = live_extents_m(capture)[:2]
+    cells_m = lateral_cell_m(shortest_m(capture), extents_m, z_m)
+    (wide_mm, wide_cell_mm), (high_mm, high_cell_mm) = 1e3 * np.array([extents_m, cells_m]).T
     yield (
         f"aperture {wide_mm:.3g} × {high_mm:.3g} mm between the middles of transmitters and "
-        f"receivers: resolves {cells_mm[0]:.3g} × {cells_mm[1]:.3g} mm at {z_m:g} m (λz/2D)"
+        f"receivers: resolves {wide_cell_mm:.3g} × {high_cell_mm:.3g} mm at {z_m:g} m (λz/2D)"
     )
     if len(hz) > 1:
         pairs_hz = np.diff(hz).min(), np.ptp(hz)
@@ -48,6 +52,32 @@ def abilities(capture: RadarCapture, z_m: float) -> Iterator[str]:
         yield f"noise {noise_db:.0f} dB of the samples, by the differences of {len(frames)} frames"
     else:
         yield "noise unknown: it needs two frames"
+
+
+def measured_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Choose settings of 2-FSK, 3-FSK and broadband backprojection for the tones of a capture:
+    values by the settings' names, by the method's id. Left out are methods that the tones do not
+    allow: 3-FSK of two tones, broadband of unevenly spaced ones.
+
+    The FSK pair is as close as the paper's, if it can be, and 3-FSK's third tone as many times
+    further away.
+    """
+    tones_hz = np.unique(frequencies_hz)[::-1]
+    if len(tones_hz) < 2:
+        return {}
+    steps_hz = -np.diff(tones_hz)
+    apart = max(1, min(int(LEAST_PAIR_HZ / np.median(steps_hz)), (len(tones_hz) - 1) // 2))
+    pair_hz = tones_hz[[0, apart]]
+    fsk = {"first_depth_m": "auto"} if len(tones_hz) >= ENOUGH else {}
+    chosen: dict[str, dict[str, Any]] = {"2fsk": {"tones_hz": pair_hz.tolist(), **fsk}}
+    if len(tones_hz) > 2:
+        further_hz = tones_hz[apart + 1 :]
+        third = np.abs(further_hz - (tones_hz[0] - CLIMB * np.ptp(pair_hz))).argmin()
+        chosen["3fsk"] = {"tones_hz": [*pair_hz.tolist(), float(further_hz[third])], **fsk}
+    if np.allclose(steps_hz, steps_hz[0], rtol=1e-3, atol=0):
+        sweep = {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0])}
+        chosen["broadband"] = {"tones_hz": {**sweep, "count": len(tones_hz)}}
+    return chosen
 
 
 def methods_of_tones(capture: RadarCapture, settings: dict[str, MethodSettings]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from handbench.radar.data.arrays import channel_ends
+from handbench.radar.data.arrays import channel_ends, lateral_cell_m
 from handbench.radar.data.capture import RadarCapture, scaled_to_one
 from handbench.radar.methods.doppler import repetition
 from handbench.radar.methods.settings import MethodSettings
@@ -259,9 +259,8 @@ def unresolved_m(capture: RadarCapture, z_m: np.ndarray, frame: int = 0) -> np.n
     """
     ny, nx = z_m.shape
     extents_m = live_extents_m(capture, frame)[[nx > 1, ny > 1, min(nx, ny) > 1]]
-    with np.errstate(divide="ignore"):
-        share = (shortest_m(capture) / extents_m) ** 2 / 32
-    return z_m * min(1.0, float(share.max(initial=0.0)))
+    per_m = lateral_cell_m(shortest_m(capture), extents_m, 1.0) ** 2 / 8
+    return z_m * min(1.0, float(np.max(per_m, initial=0.0)))
 
 
 def _unit(tone: np.ndarray) -> np.ndarray:

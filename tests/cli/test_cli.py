@@ -119,7 +119,7 @@ def test_the_volume_is_written_and_checked_against_the_exact_sum(
     command = ["reconstruct", str(made / "capture"), *given.split(), *PIXELS, "--check", "50"]
     assert main([*command, "-o", str(tmp_path / "depth.npz")]) == 0
     assert "checked at 50 random voxels" in capsys.readouterr().err
-    monkeypatch.setattr("handbench.radar.imaging.reference.imaging_error", lambda *_: 0.01)
+    monkeypatch.setattr("handbench.radar.imaging.exact.imaging_error", lambda *_: 0.01)
     assert main([*command, "-o", str(tmp_path / "another.npz")]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "relative error is 1.0e-02" in error and "at most 0.001" in error

@@ -8,7 +8,7 @@ import pytest
 
 from handbench.radar.data.depthmap import amplitude_db
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.imaging.exact import exact_images
 from handbench.radar.methods.depth_uncertainty import NOISE, WRAP_PROBABILITY
 from tests.hard_cases.scenes import (
     ALL_HZ,

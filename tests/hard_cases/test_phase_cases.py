@@ -7,7 +7,7 @@ from flint import arb
 
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.grid import PixelGrid
-from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.imaging.exact import exact_images
 from handbench.radar.methods.depth_uncertainty import fsk_with_uncertainty, wrap_probability
 from handbench.radar.methods.fsk import Fsk, depth_step_m, fsk
 from tests.hard_cases.scenes import (

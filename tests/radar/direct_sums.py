@@ -3,7 +3,7 @@
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture
-from handbench.radar.imaging.reference import image_points_exact
+from handbench.radar.imaging.exact import image_points_exact
 
 
 def direct_sum(

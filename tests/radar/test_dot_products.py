@@ -7,7 +7,7 @@ from handbench.radar.data.arrays import AntennaArray, AntennaPairs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume
 from handbench.radar.imaging.device import use_device
-from handbench.radar.operator import operator
+from handbench.radar.simulation.forward import operator
 from tests.radar.direct_sums import direct_echoes
 from tests.radar.samples import noise, relative_error
 from tests.refusals import refuse

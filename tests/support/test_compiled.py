@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numba.core.codegen import get_host_cpu_features
 
-from handbench.radar.imaging.cpu.forward import gather
+from handbench.radar.imaging.boxes import gather
 from handbench.support import compiled
 from handbench.support.compiled import FAST, njit
 

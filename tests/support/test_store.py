@@ -104,7 +104,7 @@ def test_a_damaged_file_is_made_again(tmp_path):
 
 PRODUCT = [one for one in DECLARED if one.__module__.startswith("handbench.")]
 NOT_RUN = {
-    "radar.methods.measured_tones": "asked by importers of data sets, which no stage runs",
+    "radar.methods.ability": "asked by importers of data sets, which no stage runs",
     "radar.simulation.ablation": "simulates by methods, but for `--explain` only",
 }
 # what a change of the rooms on the right must not make again

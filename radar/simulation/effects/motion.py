@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.radar.imaging.cpu.exact import path_lengths
-from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.imaging.exact import path_lengths
+from handbench.radar.imaging.steering import phasor
 from handbench.radar.simulation.forward import Scatterers
 from handbench.radar.simulation.movement import frame_starts, scene_at
 from handbench.radar.simulation.physics.meshes import unit

@@ -29,8 +29,8 @@ from __future__ import annotations
 import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.imaging.cpu.steering import cis_small, phasor, steered_differences
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
+from handbench.radar.imaging.steering import cis_small, phasor, steered_differences
 from handbench.radar.imaging.tree import Box
 from handbench.radar.simulation.physics.line_of_sight import rays_of
 from handbench.radar.simulation.physics.meshes import face_vectors, quarters, unit, vertex_normals

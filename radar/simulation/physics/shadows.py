@@ -28,7 +28,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.steering import cis_small
+from handbench.radar.imaging.steering import cis_small
 from handbench.radar.simulation.forward import Scatterers, Sight
 from handbench.radar.simulation.physics.meshes import face_vectors, unit
 from handbench.radar.simulation.scene import Body, EchoScene

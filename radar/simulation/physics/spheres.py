@@ -7,8 +7,8 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from scipy.special import spherical_jn, spherical_yn
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.imaging.cpu.exact import path_lengths
-from handbench.radar.imaging.cpu.steering import phasor
+from handbench.radar.imaging.exact import path_lengths
+from handbench.radar.imaging.steering import phasor
 
 # angles at which the series is summed; between them a polynomial is good to 1e-5 for ka ≤ 40 and 2β
 # ≤ 60°

@@ -22,7 +22,7 @@ from handbench.groundtruth.mesh.mesh_files import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid
-from handbench.radar.imaging.cpu.exact import exact_images
+from handbench.radar.imaging.exact import exact_images
 from handbench.radar.methods.registry import method
 from handbench.support.files import write_json
 from tests.bench.datasets.maroon_writer import (

@@ -5,7 +5,7 @@ import pytest
 
 import handbench as hb
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs
-from handbench.radar.methods.measured_tones import measured_settings
+from handbench.radar.methods.ability import measured_settings
 from tests.refusals import refuse
 
 RNG = np.random.default_rng(3)

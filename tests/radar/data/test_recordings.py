@@ -7,9 +7,8 @@ import pytest
 
 from handbench.calibration.array.array_file import ArrayCalibration, Side, with_calibration
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
-from handbench.radar.data.capture import RadarCapture, thin_antennas
+from handbench.radar.data.capture import SPARSE, RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.radar.data.recording import SPARSE
 from handbench.support.files import write_json
 from tests.refusals import refuse
 

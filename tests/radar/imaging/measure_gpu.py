@@ -14,7 +14,7 @@ import pandas as pd
 
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.device import describe, use_device
-from handbench.radar.imaging.reference import imaging_error
+from handbench.radar.imaging.exact import imaging_error
 from handbench.radar.methods.backprojection import Backprojection
 from handbench.support.files import write_json, write_text
 from handbench.support.store import versions

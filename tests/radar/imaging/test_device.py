@@ -11,6 +11,7 @@ from handbench.cli import reconstruct
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.grid import VoxelGrid
+from handbench.radar.imaging import gpu
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
 from handbench.radar.imaging.device import (
     SETTING,
@@ -19,7 +20,6 @@ from handbench.radar.imaging.device import (
     describe,
     use_device,
 )
-from handbench.radar.imaging.gpu import executor, levels
 from tests.radar.imaging.cupy_stand_in import cupy_stand_in
 from tests.radar.samples import always_planned, noise, relative_error
 from tests.refusals import refuse
@@ -78,17 +78,16 @@ def test_small_blocks_and_points_in_new_places_change_nothing(device, monkeypatc
         for part_m in (points_m[:1], points_m[1:], points_m[:1]):
             yield image_points(SAMPLES, TONES_HZ, ARRAY, part_m, 1e-3)
 
-    for module in (levels, executor):
-        monkeypatch.setattr(module, "BLOCK_BYTES", 1 << 21)
+    monkeypatch.setattr(gpu, "BLOCK_BYTES", 1 << 21)
     with always_planned():
         for there, here in zip(*on(device, lambda: [*everything()]), strict=True):
             assert relative_error(there, here) < AGREED
 
 
-@pytest.mark.parametrize("kept_bytes", [0, executor.KEPT_BYTES])
+@pytest.mark.parametrize("kept_bytes", [0, gpu.KEPT_BYTES])
 def test_further_frames_use_their_own_samples_and_depths(device, monkeypatch, kept_bytes):
     """What stays on the device between frames depends on the plan alone, and on the device."""
-    monkeypatch.setattr(executor, "KEPT_BYTES", kept_bytes)
+    monkeypatch.setattr(gpu, "KEPT_BYTES", kept_bytes)
     along_m, frames = 1e-3 * np.arange(-30, 31), (SAMPLES[:4], 2j * SAMPLES[4:8])
     plane, deeper = (VoxelGrid(along_m, along_m, np.array([z_m])) for z_m in (0.27, 0.271))
 

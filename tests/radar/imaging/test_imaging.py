@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import image_points, image_volume, project_volume
-from handbench.radar.imaging.peaks import strongest_voxels
-from handbench.radar.imaging.reference import imaging_error
+from handbench.radar.imaging.exact import imaging_error
+from handbench.radar.imaging.gpu import strongest_voxels
 from tests.radar.direct_sums import direct_sum
 from tests.radar.samples import noise, relative_error
 from tests.refusals import refuse

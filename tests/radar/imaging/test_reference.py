@@ -7,7 +7,7 @@ from math import dist, pi
 import numpy as np
 import pytest
 
-from handbench.radar.imaging.reference import image_points_exact
+from handbench.radar.imaging.exact import image_points_exact
 
 RANDOM = np.random.default_rng(0)
 TONES_HZ = [82e9, 79.5e9]

@@ -5,7 +5,7 @@ import pytest
 
 from handbench.radar.data.arrays import AntennaPairs, qar50, range_cell_m
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.first_depth import first_depth_m
+from handbench.radar.methods.fsk import first_depth_m
 from tests.radar.samples import noise
 from tests.radar.simulated_points import around, depth_by, exact_capture
 from tests.refusals import refuse

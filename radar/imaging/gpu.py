@@ -3,7 +3,7 @@ interpolated from coarse nodes.
 
 The points of a leaf (a smallest box) are divided into pieces, and pieces of similar size are filled
 up to equal size and computed together as a batch, with one product per tone. As in
-`radar.imaging.cpu.forward`, path differences to a reference point are computed in float64 and the
+`radar.imaging.boxes`, path differences to a reference point are computed in float64 and the
 remainders in float32. What depends on the plan and the points alone stays on the device.
 
 An exact image is one batch of complex products per block of points, one product per tone. A planar
@@ -21,14 +21,13 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
-from handbench.radar.imaging.gpu.levels import leaf_legs, level, waves
-from handbench.radar.imaging.peaks import strongest_voxels
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
-from handbench.radar.imaging.tree import stack
+from handbench.radar.imaging.tree import NodeStack, stack
 from handbench.support.parallel import for_each
 
 PIECE = 512  # points of one leaf that share a product
 KEPT_BYTES = 1 << 30  # of factors that stay on the device between frames
+CHILD_BYTES = 32  # per sample of a parent box: it is copied, turned and mixed
 WAVE_BYTES = 24  # per point, tone and antenna: turns, phases and products
 PATH_BYTES = 40  # per point and antenna: differences in double
 # per point and antenna of an exact image: distances in double, their turns, phases and products
@@ -42,7 +41,7 @@ class DevicePoints:
 
     points_m [3, n]; levels: functions that compute the samples of the whole box, of its cells and
     of their leaves, each from those of the level above; turns_per_m, legs: the leaves' tones [n, k]
-    and antennas (`levels.leaf_legs`); batches: the points to image (`_batches`).
+    and antennas (`_leaf_legs`); batches: the points to image (`_batches`).
     """
 
     xp: ModuleType
@@ -60,9 +59,9 @@ class DevicePoints:
         return 8 * tones * length * sum(point.size for _, point, _ in self.batches)
 
     def waves(self) -> Iterator[tuple[Array, Array]]:
-        """Compute the factors of each batch (`levels.waves`)."""
+        """Compute the factors of each batch (`_waves`)."""
         for leaf, point, _ in self.batches:
-            yield waves(self.xp, self.turns_per_m, self.legs, leaf, self.points_m[:, point])
+            yield _waves(self.xp, self.turns_per_m, self.legs, leaf, self.points_m[:, point])
 
 
 @lru_cache(maxsize=1)
@@ -111,11 +110,11 @@ def _grouped(plan: TreePlan, where: SortedPoints) -> DevicePoints:
     leaves = stack([plan.leaf(leaf) for leaf in where.leaf.tolist()])
     parent = np.repeat(np.arange(len(groups)), [g.stop - g.start for g in groups.values()])
     levels = [
-        level(xp, top, plan.root_node.turns_per_m[None], np.zeros(1, int)),
-        level(xp, cells, top.turns_per_m, np.zeros(len(groups), int)),
-        level(xp, leaves, cells.turns_per_m, parent),
+        _level(xp, top, plan.root_node.turns_per_m[None], np.zeros(1, int)),
+        _level(xp, cells, top.turns_per_m, np.zeros(len(groups), int)),
+        _level(xp, leaves, cells.turns_per_m, parent),
     ]
-    turns_per_m, legs = xp.asarray(leaves.turns_per_m), leaf_legs(xp, leaves, plan)
+    turns_per_m, legs = xp.asarray(leaves.turns_per_m), _leaf_legs(xp, leaves, plan)
     length = sum(length_m.shape[1] for *_, length_m in legs)
     point_bytes = length * (WAVE_BYTES * turns_per_m.shape[1] + PATH_BYTES)
     batches = [
@@ -146,6 +145,86 @@ def image(plan: TreePlan, samples: np.ndarray, where: SortedPoints) -> Array:
     return images[:, :-1]
 
 
+def _level(
+    xp: ModuleType, nodes: NodeStack, turns_per_m: np.ndarray, parent: np.ndarray
+) -> Callable[[Array], Array]:
+    """Copy the n nodes of one level of the tree to a device with the array module xp, and return
+    the function that computes their samples, complex64 [n, k, a, b], from the samples S of all
+    boxes of the level above, [n', k', a', b']: L (S e^{jφ}) on the tones, X S Yᵀ on the antennas.
+
+    turns_per_m [n', k']: f/c of the tones of the level above; parent [n]: index of each node's
+    parent there. The phases φ move the reference from the parent's centre to the box's.
+    """
+    turns, parent = xp.asarray(turns_per_m[parent][:, :, None]), xp.asarray(parent)
+    (a, shift_a, _, _), (b, shift_b, _, _) = nodes.legs
+    to, back = (cis(xp, turns * xp.asarray(shift_m[:, None])) for shift_m in (shift_a, shift_b))
+    host = (nodes.tone_weights, a[:, None], np.ascontiguousarray(b.swapaxes(1, 2)))
+    of_tones, of_a, of_b = (xp.asarray(weights, dtype=np.complex64) for weights in host)
+
+    def descend(samples: Array) -> Array:
+        block = max(BLOCK_BYTES // (CHILD_BYTES * int(np.prod(samples.shape[1:]))), 1)
+        parts = []
+        for start in range(0, len(parent), block):
+            here = slice(start, start + block)
+            turned = samples[parent[here]]
+            turned *= to[here, :, :, None]
+            turned *= back[here, :, None]
+            n, k, a, b = turned.shape
+            mixed = xp.matmul(of_tones[here], turned.reshape(n, k, a * b))
+            fewer = xp.matmul(mixed.reshape(n, -1, b), of_b[here])
+            parts.append(xp.matmul(of_a[here], fewer.reshape(n, mixed.shape[1], a, -1)))
+        return xp.concatenate(parts)
+
+    return descend
+
+
+def _leaf_legs(
+    xp: ModuleType, leaves: NodeStack, plan: TreePlan
+) -> list[tuple[float, Array, Array]]:
+    """Copy the antennas of n leaves of the plan to a device, float64: for transmitters and for
+    receivers, how often a path passes them, positions [3, n, l] and paths to the leaf's centre
+    [n, l]. The last of the l antennas is a reference point, the mean position of all antennas of
+    that leg."""
+    legs = []
+    passes_of = plan.passes.tolist()
+    for leg, passes, reference_m in zip(leaves.legs, passes_of, plan.reference_m, strict=True):
+        _, _, length_m, position_m = leg
+        references_m = np.broadcast_to(reference_m, (len(length_m), 1, 3))
+        to_reference_m = passes * distances(np, leaves.centre_m.T, reference_m)
+        position_m = np.concatenate([position_m, references_m], axis=1)
+        length_m = np.concatenate([length_m, to_reference_m[:, None]], axis=1)
+        position_m = np.moveaxis(position_m, 2, 0).copy()
+        legs.append((passes, xp.asarray(position_m), xp.asarray(length_m)))
+    return legs
+
+
+def _waves(
+    xp: ModuleType,
+    turns_per_m: Array,
+    legs: list[tuple[float, Array, Array]],
+    leaves: Array,
+    points_m: Array,
+) -> tuple[Array, Array]:
+    """Compute the waves e^{jkΔR} of the antennas of leaves [m] at p points of each, points_m [3, m,
+    p]: complex64 [m, k, a, p] and [m, k, b, p]. turns_per_m [n, k]: f/c of the tones of all leaves;
+    legs: their antennas (`_leaf_legs`).
+
+    Path differences to the reference point are computed in float64, and the phases of these
+    remainders in float32; the second factor has the reference's own phase.
+    """
+    turns_per_m = turns_per_m[leaves][:, :, None]
+    shared_m, factors = 0.0, []
+    for passes, position_m, length_m in legs:
+        path_m = distances(xp, points_m[:, :, None], position_m[:, leaves][..., None])
+        path_m *= passes
+        path_m -= length_m[leaves][..., None]
+        reference_m = path_m[:, -1:]
+        shared_m = shared_m + reference_m
+        remainder_m = (path_m[:, :-1] - reference_m).astype(np.float32)
+        factors.append(cis(xp, turns_per_m[..., None].astype(np.float32) * remainder_m[:, None]))
+    return factors[0], factors[1] * cis(xp, turns_per_m * shared_m)[:, :, None]
+
+
 def volume(plan: GridPlan, nodes: VoxelGrid, images: Array, carrier: bool) -> np.ndarray:
     """Interpolate images [f or 1, nz, ny, nx] at the nodes, on the device, to all voxels of the
     plan's grid: complex64 [f or 1, nz, ny, nx]. carrier: False leaves out the image's carrier, a
@@ -171,6 +250,19 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> tuple[np.ndarray
     ]
     index, magnitude = zip(*parts, strict=True)
     return np.concatenate(index), np.concatenate(magnitude, axis=1)
+
+
+def strongest_voxels(volume: Array, xp: ModuleType = np) -> tuple[Array, Array]:
+    """Find the strongest voxel along z for each pixel of a complex volume O [nz, ny, nx], argmax_z
+    |O|, with the array module xp (numpy or cupy): (its index along z [ny, nx], magnitudes |O| of
+    the voxel before it, of itself and of the voxel behind it [3, ny, nx], NaN beyond the volume).
+    """
+    power = volume.real**2 + volume.imag**2
+    index, last = power.argmax(axis=0), len(power) - 1
+    around = xp.stack([index - 1, index, index + 1])
+    magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+    magnitude[(around < 0) | (around > last)] = np.nan
+    return index, magnitude
 
 
 def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple[slice, Array]]:

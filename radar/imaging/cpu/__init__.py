@@ -1,1 +1,0 @@
-"""Imaging on the processor's cores, by compiled code."""

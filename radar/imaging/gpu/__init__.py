@@ -1,1 +1,0 @@
-"""Imaging on a GPU, as array code."""
