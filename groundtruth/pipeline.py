@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth.cameras.camera_files import write_model
-from handbench.groundtruth.cameras.cameras import Camera, cuda_devices, registered_images
+from handbench.groundtruth.camera_files import write_model
+from handbench.groundtruth.cameras import Camera, cuda_devices, registered_images
 from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.dense.dense import depth_maps, open_views
 from handbench.groundtruth.dense.fusion import Cloud, fuse
-from handbench.groundtruth.dense.patchmatch import compile_kernels
 from handbench.groundtruth.dense.volume import (
     Plane,
     Volume,
@@ -26,13 +25,12 @@ from handbench.groundtruth.dense.volume import (
 )
 from handbench.groundtruth.mesh import poisson
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
+from handbench.groundtruth.mesh.poisson import TargetParts, keep_target, remove_board
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.groundtruth.mesh.target import TargetParts, keep_target, remove_board
 from handbench.groundtruth.mesh.uncertainty import surface_sigma, window_sigma
 from handbench.groundtruth.options import SHRINK, DenseOptions, Options, Region, SparseOptions
-from handbench.groundtruth.photos.masks import read_mask
-from handbench.groundtruth.photos.photos import Photo, find_photos, photo_paths
-from handbench.groundtruth.photos.pictures import open_picture
+from handbench.groundtruth.photos import Photo, find_photos, photo_paths, read_mask
+from handbench.groundtruth.pictures import open_picture
 from handbench.groundtruth.sparse.inputs import files_given, gather
 from handbench.groundtruth.sparse.sparse import Sparse, register
 from handbench.support.config import Config, parse
@@ -121,7 +119,6 @@ def _fused(
     """Compute the depth maps of registered photographs and fuse them to a cloud. shrink: divisor of
     their resolution. box_m [2, 3]: region of interest in the mesh's frame (None: everything)."""
     views, sources = open_views(photos, sparse.model, shrink, box_m, options.masks)
-    compile_kernels()
     if options.dense == "cuda":
         return fuse(cuda.depth_maps(views, sources))
     return fuse(depth_maps(views, sources, options.seed))

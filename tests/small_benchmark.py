@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from handbench.groundtruth.mesh.surface import load_open3d, write_mesh
 
 SCENE = """
 version = 1

@@ -17,7 +17,7 @@ import pytest
 
 from handbench.bench.evaluation import metrics
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.groundtruth.mesh.surface import mesh, write_mesh
 from handbench.radar.methods import registry as method_table
 from handbench.radar.simulation.catalogue import Effect
 from handbench.support.config import Config

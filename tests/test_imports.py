@@ -27,7 +27,7 @@ MAY_IMPORT = {
 ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen in one place
     "numba": "handbench/support/compiled.py",
     "open3d": "handbench/support/rays.py",
-    "pycolmap": "groundtruth/cameras/cameras.py",
+    "pycolmap": "groundtruth/cameras.py",
     "pymeshlab": "bench/scenes/implicit.py",  # under the GPL, see the README
 }
 FACE = ("handbench/__init__.py", "handbench/__main__.py")  # they import what they are asked for

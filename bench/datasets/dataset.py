@@ -21,7 +21,7 @@ from handbench.bench.datasets.native import (
 )
 from handbench.bench.datasets.ti import import_ti_raw
 from handbench.bench.datasets.touchstone import import_touchstone
-from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from handbench.groundtruth.mesh.surface import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError

@@ -10,7 +10,7 @@ import numpy as np
 import tomlkit
 from pydantic import Field, field_validator
 
-from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.array_file import with_calibration
 from handbench.calibration.corrections import Unknown, with_corrections
 from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface

@@ -25,10 +25,10 @@ from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
 from handbench.bench.scenes.photographs import Studio, photo_effects
 from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
 from handbench.bench.scenes.stand import stand_board
-from handbench.groundtruth.board.board import save_board
-from handbench.groundtruth.cameras.cameras import load_pycolmap, save_cameras
-from handbench.groundtruth.mesh.mesh_files import write_mesh
+from handbench.groundtruth.board import save_board
+from handbench.groundtruth.cameras import load_pycolmap, save_cameras
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
+from handbench.groundtruth.mesh.surface import write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.scene import Choice
 from handbench.support.files import atomic_folder, atomic_path, write_text

@@ -32,7 +32,7 @@ from handbench.bench.stages.quality import has_quality, measure_quality, quality
 from handbench.bench.stages.reconstruct import DEPTH, reconstruct, repeat, time_again
 from handbench.bench.stages.score import MEASURED, score_capture
 from handbench.bench.validation.capture_warnings import inspect_capture, method_warnings
-from handbench.calibration.registration.register import HAND_M
+from handbench.calibration.registration import HAND_M
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.options import Quality

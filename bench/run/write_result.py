@@ -34,7 +34,7 @@ from handbench.bench.stages.reconstruct import (
     read_times,
 )
 from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
-from handbench.groundtruth.photos.pictures import ORIENTATION, open_picture
+from handbench.groundtruth.pictures import ORIENTATION, open_picture
 from handbench.groundtruth.pipeline import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe

@@ -12,7 +12,7 @@ from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
 from handbench.bench.scenes.stand import PLATE_BOX_M, PLATE_M, TEXEL_M, cuboid, plate_print
 from handbench.bench.scenes.textures import foam, marked_skin, skin, styrodur
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.groundtruth.mesh.surface import mesh
 
 # points [n, 3] in the photo frame to reflectance [n, 3]
 Albedo = Callable[[np.ndarray], np.ndarray]

@@ -20,10 +20,10 @@ from handbench.bench.scenes.scene_file import (
 )
 from handbench.bench.scenes.shapes import dihedral_mesh, plate_mesh, sphere_mesh
 from handbench.bench.scenes.stand import rig
-from handbench.calibration.spheres.description import Target, default_target, load_target
+from handbench.calibration.target import Target, default_target, load_target
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.cameras.cameras import Camera
-from handbench.groundtruth.mesh.mesh_files import read_mesh
+from handbench.groundtruth.cameras import Camera
+from handbench.groundtruth.mesh.surface import read_mesh
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside

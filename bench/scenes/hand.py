@@ -28,7 +28,7 @@ from handbench.bench.scenes.implicit import (
     zero_set,
 )
 from handbench.bench.scenes.people import MEAN, Person
-from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.groundtruth.mesh.surface import mesh
 from handbench.support.rays import TriangleMesh
 
 TIP_TISSUE_MM = 3.8  # soft tissue beyond the last bone

@@ -9,7 +9,7 @@ from handbench.bench.scenes.bodies import bodies
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.light import bake
 from handbench.bench.scenes.scene_file import Photos
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras import Camera
 from handbench.radar.simulation.scene import Choice
 from handbench.support.rays import load_open3d
 

@@ -7,7 +7,7 @@ from functools import reduce
 import numpy as np
 
 from handbench.bench.scenes.stand import cell_corners, cuboid
-from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.groundtruth.mesh.surface import mesh
 from handbench.radar.simulation.physics.facets import MOST_FACETS
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import TriangleMesh, load_open3d

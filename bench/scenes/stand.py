@@ -9,8 +9,8 @@ import numpy as np
 
 from handbench.bench.scenes.scene_file import Photos
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.board.board import Board, Marker
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.board import Board, Marker
+from handbench.groundtruth.cameras import Camera
 
 PLATE_M = (0.400, 0.300)  # width, height
 MARKER_M = 0.030

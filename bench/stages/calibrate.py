@@ -7,15 +7,10 @@ from pathlib import Path
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TARGET
-from handbench.calibration.array.array_file import ArrayCalibration
-from handbench.calibration.array.estimate import estimate_array
-from handbench.calibration.registration.register import (
-    common_covariance,
-    common_pairs,
-    find_centres,
-    solve,
-)
-from handbench.calibration.spheres.description import Target, load_target
+from handbench.calibration.array_estimate import estimate_array
+from handbench.calibration.array_file import ArrayCalibration
+from handbench.calibration.registration import common_covariance, common_pairs, find_centres, solve
+from handbench.calibration.target import Target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.options import Options, Quality

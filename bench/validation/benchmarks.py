@@ -22,8 +22,8 @@ from handbench.bench.pipeline.image import configured, prepare, required_frames
 from handbench.bench.scenes.scene_file import SceneFile, named_files
 from handbench.bench.validation.captures import inspect_capture, require_reference
 from handbench.bench.validation.report import Report
-from handbench.calibration.spheres.description import load_target
-from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.calibration.target import load_target
+from handbench.groundtruth.mesh.surface import read_triangles
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.evidence import needed_tones

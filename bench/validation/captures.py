@@ -27,12 +27,12 @@ from handbench.bench.validation.checks import (
     warnings_of,
 )
 from handbench.bench.validation.report import Report
-from handbench.calibration.spheres.description import load_target
-from handbench.groundtruth.board.board import Board, load_board
-from handbench.groundtruth.cameras.camera_files import cameras_of
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.calibration.target import load_target
+from handbench.groundtruth.board import Board, load_board
+from handbench.groundtruth.camera_files import cameras_of
+from handbench.groundtruth.cameras import Camera
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.groundtruth.photos.photos import Photo, find_photos
+from handbench.groundtruth.photos import Photo, find_photos
 from handbench.radar.data.capture import RadarCapture
 from handbench.support.errors import HandbenchError
 
@@ -125,7 +125,7 @@ def board_warnings(
     """Check that a board is in metres: the first photograph that shows it was taken from a
     plausible distance. cameras: give the focal length; without them, the
     view of the board does."""
-    from handbench.groundtruth.board.markers import detect_corners, focal_length_px  # with cv2
+    from handbench.groundtruth.markers import detect_corners, focal_length_px  # with cv2
 
     corners_m = board.corners_m()
     for photo, camera in zip_longest(photos[:LOOKED_AT], cameras[:LOOKED_AT]):

@@ -17,12 +17,12 @@ from handbench.bench.validation.benchmarks import inspect_benchmark, inspect_sce
 from handbench.bench.validation.captures import inspect_capture, inspect_photos
 from handbench.bench.validation.checks import CHANNELS, MAP, MESH, result_warnings
 from handbench.bench.validation.report import Report
-from handbench.calibration.array.array_file import load_array
-from handbench.calibration.spheres.description import load_target
-from handbench.groundtruth.board.board import load_board
-from handbench.groundtruth.cameras.cameras import load_cameras
+from handbench.calibration.array_file import load_array
+from handbench.calibration.target import load_target
+from handbench.groundtruth.board import load_board
+from handbench.groundtruth.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.groundtruth.photos.pictures import SUFFIXES
+from handbench.groundtruth.pictures import SUFFIXES
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.ability import abilities, methods_of_tones

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.cameras import pycolmap
 from handbench.groundtruth.dense.dense import ViewDepth, depth_of, disparity_range
 from handbench.groundtruth.dense.patchmatch import RADIUS, refine
 from handbench.groundtruth.dense.views import Stereo, View

@@ -10,11 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
+from handbench.groundtruth.cameras import camera_in, pycolmap, registered_images
 from handbench.groundtruth.dense import patchmatch
 from handbench.groundtruth.dense.views import Stereo, View, open_view
-from handbench.groundtruth.photos.masks import read_mask
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.photos import Photo, read_mask
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track

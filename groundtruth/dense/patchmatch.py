@@ -189,15 +189,6 @@ def mismatches(
     return mismatch
 
 
-def compile_kernels() -> None:
-    """Compile the functions for matching, or load them from the cache of compiled code, before they
-    are needed."""
-    gray = np.zeros((1, SMOOTHED_REACH, SMOOTHED_REACH), np.float32)
-    sizes = np.array([gray[0].shape])
-    stereo = Stereo(gray[0], gray, sizes, np.eye(3)[None], np.zeros((1, 3)), 1.0)
-    refine(stereo, np.zeros((3, *gray[0].shape), np.float32), gray[0], gray[0], (), 0)
-
-
 def _by_rows(height: int, function: Callable[[np.ndarray], None]) -> None:
     """Call a function in several threads with the numbers of some of a picture's rows each."""
     for_each(function, np.array_split(np.arange(height), height // ROWS + 1))

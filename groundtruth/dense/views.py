@@ -13,8 +13,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import pycolmap
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.cameras import pycolmap
+from handbench.groundtruth.photos import Photo
 
 # kept around the region of interest, so that a matching window never leaves the picture
 BORDER_PX = 8

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth.board.board import load_board
+from handbench.groundtruth.board import load_board
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.sparse.sparse import Sparse
 from handbench.support.progress import say

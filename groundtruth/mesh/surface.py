@@ -1,17 +1,30 @@
-"""Triangulated surfaces with the uncertainty of each vertex."""
+"""Triangulated surfaces with the uncertainty of each vertex, and the files of triangle meshes. Only
+this module reads mesh files of other programs.
 
+Libraries for these formats are no replacement: open3d skips an OBJ file's quadrangles and returns
+an empty mesh for a broken file; trimesh 5.2 makes a wrong mesh of an OBJ file with relative indices
+between its vertices or with an index 0, and cannot read a comment behind a face.
+"""
+
+import codecs
+import re
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.mesh_files import mesh, read_triangles
-from handbench.groundtruth.mesh.ply import by_axis, write_ply
+from handbench.calibration.transforms import LARGEST_M, Transform
+from handbench.groundtruth.mesh.ply import by_axis, read_ply, write_ply
 from handbench.support.errors import HandbenchError
-from handbench.support.rays import TriangleMesh
+from handbench.support.files import read_bytes, require_file
+from handbench.support.limits import MESH_BYTES
+from handbench.support.rays import TriangleMesh, load_open3d
 
 VELOCITY = ("vx", "vy", "vz")  # properties of a PLY file's vertices, metres per second
+SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
+MOST_CORNERS = 1000  # of a face
+SLIVER = 1e-6  # square of a share of a face's area that may be folded, as rounding folds it
 
 
 @dataclass(frozen=True)
@@ -82,3 +95,166 @@ def read_surface(file: str | Path) -> Surface:
                 f"{file}: {', '.join(VELOCITY)} are NaN or infinite; expected metres per second"
             )
     return Surface(vertices_m, faces, sigma_m, observed, velocity_m_s)
+
+
+def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
+    """Make an Open3D mesh from vertices [n, 3] in metres and triangles [m, 3] of vertex indices,
+    whose corners run counter-clockwise seen from outside."""
+    o3d = load_open3d()
+    return o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
+        o3d.utility.Vector3iVector(np.ascontiguousarray(faces, dtype=np.int32)),
+    )
+
+
+def read_mesh(path: str | Path) -> TriangleMesh:
+    """Read a triangle mesh in metres from a PLY, OBJ or STL file, as an Open3D mesh. Raises
+    HandbenchError for a broken file."""
+    vertices_m, faces, _ = read_triangles(path)
+    return mesh(vertices_m, faces)
+
+
+def write_mesh(path: str | Path, surface: TriangleMesh) -> None:
+    """Write an Open3D mesh as a binary PLY file, atomically."""
+    write_ply(path, by_axis(np.asarray(surface.vertices)), np.asarray(surface.triangles))
+
+
+def metric_mesh(path: str | Path, unit_m: float) -> TriangleMesh:
+    """Read a mesh from a PLY, OBJ or STL file with coordinates in units of `unit_m` metres, and
+    convert it to metres.
+
+    Removed are duplicate vertices and triangles, triangles without area, edges of more than two
+    triangles, and unused vertices; if possible, the triangles are oriented consistently. Raises
+    HandbenchError for a mesh without triangles, with invalid numbers, or with an implausible size.
+    """
+    surface = read_mesh(path)
+    surface.scale(unit_m, center=np.zeros(3))
+    surface.remove_duplicated_vertices()
+    surface.remove_degenerate_triangles()
+    surface.remove_duplicated_triangles()
+    surface.remove_non_manifold_edges()
+    surface.remove_unreferenced_vertices()
+    vertices_m = np.asarray(surface.vertices)
+    longest_m = float(np.ptp(vertices_m, axis=0).max()) if len(vertices_m) else 0.0
+    if not SMALLEST_M < longest_m < LONGEST_M:
+        raise HandbenchError(
+            f"{path}: is {longest_m:.3g} m long; expected {SMALLEST_M:g} to {LONGEST_M:g} m; "
+            "check --unit"
+        )
+    if surface.is_orientable():
+        surface.orient_triangles()
+    return surface
+
+
+def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Read a triangle mesh in metres from a PLY, OBJ or STL file.
+
+    Returns the vertices [n, 3] float64, the triangles [m, 3] int64 of vertex indices (polygons are
+    cut into triangles), and the vertices' further properties in a PLY file, such as colours, as
+    arrays [n] by name. Raises HandbenchError for a file that is incomplete, contradicts its header
+    or has no triangles, for vertices that are NaN, infinite or implausibly far, and for faces with
+    unknown vertices.
+    """
+    path = require_file(path, "a triangle mesh (PLY, OBJ or STL)")
+    readers = {".ply": read_ply, ".obj": _read_obj, ".stl": _read_stl}
+    if path.suffix.lower() not in readers:
+        raise HandbenchError(f"{path}: is not a mesh file; expected one of {', '.join(readers)}")
+    content = read_bytes(path, "a triangle mesh", MESH_BYTES).removeprefix(codecs.BOM_UTF8)
+    try:
+        columns, polygons = readers[path.suffix.lower()](content)
+        vertices_m = np.stack([columns.pop(axis) for axis in "xyz"], axis=1).astype(np.float64)
+        _check(vertices_m, polygons)
+        faces = np.concatenate([_triangles(vertices_m, equal) for equal in polygons])
+    except (ValueError, LookupError, OverflowError) as error:
+        reason = f"it has no {error}" if isinstance(error, KeyError) else error
+        raise HandbenchError(
+            f"{path}: is not a usable mesh ({reason}); correct it, or export it again"
+        ) from error
+    return vertices_m, faces.astype(np.int64), columns
+
+
+def _check(vertices_m: np.ndarray, polygons: list[np.ndarray]) -> None:
+    """Raise ValueError if vertices [n, 3] are NaN, infinite or implausibly far, or if a polygon
+    uses a vertex that does not exist."""
+    if not any(map(len, polygons)):
+        raise ValueError("it has no triangles")
+    far_m = np.abs(vertices_m).max()
+    if not far_m <= LARGEST_M:
+        raise ValueError(f"a vertex is at {far_m:.3g}; expected metres, not NaN")
+    for corners in polygons:
+        wrong = ~((corners >= 0) & (corners < len(vertices_m)) & (corners == np.floor(corners)))
+        if wrong.any():
+            raise ValueError(
+                f"a face uses vertex {corners[wrong][0]}, counted from 0, of {len(vertices_m)}"
+            )
+
+
+def _triangles(vertices_m: np.ndarray, polygons: np.ndarray) -> np.ndarray:
+    """Cut polygons [count, corners] of vertex indices into triangles [m, 3], all of a polygon from
+    one of its corners. Raises ValueError for a polygon of which no corner sees all others."""
+    count = polygons.shape[1]
+    if not 3 <= count <= MOST_CORNERS:
+        raise ValueError(f"a face has {count} corners; expected 3 to {MOST_CORNERS}")
+    polygons = polygons.astype(np.int64)
+    if count == 3:
+        return polygons
+    fan = [[0, k, k + 1] for k in range(1, count - 1)]
+    for _ in range(count):
+        triangles = polygons[:, fan]
+        edges_m = np.diff(vertices_m[triangles], axis=2)
+        normals = np.cross(edges_m[:, :, 0], edges_m[:, :, 1])
+        turns = (normals[:, 1:] * normals[:, :-1]).sum(axis=2).min(axis=1)
+        folded = turns < -SLIVER * (normals**2).sum(axis=(1, 2))
+        if not folded.any():
+            return triangles.reshape(-1, 3)
+        polygons[folded] = np.roll(polygons[folded], 1, axis=1)
+    raise ValueError(f"a face of {count} corners is no simple polygon")
+
+
+def _read_obj(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Parse a Wavefront OBJ file. Returns the vertices' coordinates by axis, and the faces, an
+    array [count, corners] of vertex indices for each number of corners."""
+    text = b"\n".join(content.splitlines())
+    vertices: list[tuple[float, float, float]] = []
+    faces = defaultdict[int, list[list[int]]](list)
+    # without comments, and with the lines joined that end with a backslash
+    for line in re.sub(rb"#.*|\\[ \t]*\n", b" ", text).split(b"\n"):
+        match line.split():
+            case [b"v", x, y, z, *_]:
+                vertices.append((float(x), float(y), float(z)))
+            case [b"v", *_]:
+                raise ValueError("a vertex has fewer than 3 coordinates")
+            case [b"f", *corners]:
+                # counted from 1, or from −1 for the last vertex so far
+                indices = [int(corner.partition(b"/")[0]) for corner in corners]
+                faces[len(corners)].append(
+                    [i - 1 if i >= 0 else len(vertices) + i for i in indices]
+                )
+    return by_axis(np.array(vertices).reshape(-1, 3)), [
+        np.array(equal, np.int64) for equal in faces.values()
+    ]
+
+
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+TEXT_FACET = re.compile(
+    rb"facet\s+normal(?:\s+\S+){3}\s+outer\s+loop"
+    + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)"
+    + rb"\s+endloop\s+endfacet"
+)
+
+
+def _read_stl(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
+    """Parse an STL file, as binary if its length agrees with its number of triangles, else as text.
+    Returns the vertices' coordinates by axis, equal ones merged, and the triangles."""
+    count = int.from_bytes(content[80:84], "little")
+    if len(content) == 84 + 50 * count:
+        corners = np.frombuffer(content, FACET, count, 84)["corners"].reshape(-1, 3)
+    else:
+        text, ends = re.subn(rb"(?m)^[ \t]*(end)?solid\b.*", b"", content.lower())
+        if ends % 2 or TEXT_FACET.sub(b"", text).strip():
+            raise ValueError(
+                f"it is neither a binary file of {count} triangles nor a complete text"
+            )
+        corners = np.array(TEXT_FACET.findall(text), np.float64).reshape(-1, 3)
+    merged = mesh(corners, np.arange(len(corners)).reshape(-1, 3)).remove_duplicated_vertices()
+    return by_axis(np.asarray(merged.vertices)), [np.asarray(merged.triangles)]

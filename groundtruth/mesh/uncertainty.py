@@ -25,10 +25,10 @@ so both were measured.
 import numpy as np
 from scipy.spatial import KDTree
 
-from handbench.groundtruth.cameras.cameras import pycolmap
+from handbench.groundtruth.cameras import pycolmap
 from handbench.groundtruth.dense.fusion import Cloud
-from handbench.groundtruth.mesh.mesh_files import mesh
-from handbench.groundtruth.sparse.covariance import point_covariance
+from handbench.groundtruth.mesh.surface import mesh
+from handbench.groundtruth.sparse.adjust import point_covariance
 
 NEIGHBOURS = 16  # points whose variances a vertex takes the mean of
 SAMPLED = 16  # of so many points, one is enough for the cameras' variance, which is smooth

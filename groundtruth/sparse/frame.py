@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from handbench.calibration.transforms import umeyama
-from handbench.groundtruth.board.board import Board
-from handbench.groundtruth.board.markers import Corners
-from handbench.groundtruth.cameras.cameras import Camera, camera_in, pycolmap, registered_images
+from handbench.groundtruth.board import Board
+from handbench.groundtruth.cameras import Camera, camera_in, pycolmap, registered_images
+from handbench.groundtruth.markers import Corners
 from handbench.support.consensus import MAJORITY, nearest_majority
 from handbench.support.errors import HandbenchError
 

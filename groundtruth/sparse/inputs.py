@@ -3,12 +3,12 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from handbench.groundtruth.board.board import Board, load_board
-from handbench.groundtruth.board.markers import Corners, detect_corners, require_board
-from handbench.groundtruth.cameras.camera_files import cameras_of
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.board import Board, load_board
+from handbench.groundtruth.camera_files import cameras_of
+from handbench.groundtruth.cameras import Camera
+from handbench.groundtruth.markers import Corners, detect_corners, require_board
 from handbench.groundtruth.options import SparseOptions
-from handbench.groundtruth.photos.photos import FEWEST, Photo, find_photos, select_usable
+from handbench.groundtruth.photos import FEWEST, Photo, find_photos, select_usable
 from handbench.groundtruth.sparse.frame import require_near
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import track

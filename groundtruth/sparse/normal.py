@@ -1,4 +1,5 @@
-"""Normal equations of the cameras of a model, with the board's corners as points that do not move.
+"""Normal equations of the cameras of a model, with the board's corners as points that do not move,
+from the derivatives of pixels with respect to points and cameras.
 
 Triggs et al., "Bundle Adjustment – A Modern Synthesis", 2000: Cauchy's weights for outliers, points
 eliminated by Schur's complement. Features and corners have separate standard deviations, estimated
@@ -14,10 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from handbench.groundtruth.board.board import CHESSBOARD
-from handbench.groundtruth.board.markers import Corners, crossings_of_edges
-from handbench.groundtruth.cameras.cameras import camera_in, pycolmap, registered_images
-from handbench.groundtruth.sparse.jacobians import POSE, pixel_jacobians, project
+from handbench.groundtruth.board import CHESSBOARD
+from handbench.groundtruth.cameras import camera_in, pycolmap, registered_images
+from handbench.groundtruth.markers import Corners, crossings_of_edges
 
 # standard deviations at which a residual weighs half: 95 % efficient where errors are normal
 CAUCHY = 2.385
@@ -36,6 +36,9 @@ CENTRE = 0.01  # of the principal point from the picture's middle, relative to t
 SQUARE = 1e-3  # of fx/fy from 1
 RADIAL = 0.2  # of k1, k2
 TANGENTIAL = 1e-3  # of p1, p2
+# parameters of a pose: translation τ and rotation ω on the camera's side, x → x + τ + ω × x
+POSE = 6
+STEP = 1e-6  # of differences, relative
 
 
 class Observations(NamedTuple):
@@ -186,3 +189,54 @@ def _spread_px(observations: list[Observations], unknowns: int) -> float:
     off = np.abs(np.concatenate([seen.off_px for seen in observations]))
     share = max(1 - unknowns / max(off.size, 1), LEAST_SHARE)
     return MAD * float(np.median(off)) / share**0.5 if off.size else 0.0
+
+
+def project(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
+    """Project points [n, 3] of the model's frame to pixels [n, 2] of a photograph, in COLMAP's
+    convention: the first pixel's centre is at (0.5, 0.5)."""
+    return _pixels(camera_in(image), _in_camera(image, points_m))
+
+
+def pixel_jacobians(
+    image: "pycolmap.Image", points_m: np.ndarray, lens: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the derivatives of the pixels at which a photograph shows points [n, 3].
+
+    Returns the derivatives with respect to the point [n, 2, 3], and those with respect to the
+    camera [n, 2, 6 + lens]: translation and rotation of the pose, then the first `lens` of COLMAP's
+    parameters. Derivatives of the projection are central differences.
+    """
+    camera, x = camera_in(image), _in_camera(image, points_m)
+    by_x = np.empty((len(x), 2, 3))
+    for axis in range(3):
+        step = np.zeros_like(x)
+        step[:, axis] = STEP * x[:, 2]
+        by_x[..., axis] = (_pixels(camera, x + step) - _pixels(camera, x - step)) / (
+            2 * step[:, axis, None]
+        )
+    by_camera = np.empty((len(x), 2, POSE + lens))
+    by_camera[..., :3] = by_x
+    by_camera[..., 3:6] = -np.cross(by_x, x[:, None, :])  # d(ω × x) = −[x]× dω
+    for k in range(lens):
+        step = STEP * max(abs(camera.params[k]), 1.0)
+        ahead, behind = (_pixels(_moved(camera, k, s), x) for s in (step, -step))
+        by_camera[..., POSE + k] = (ahead - behind) / (2 * step)
+    return by_x @ image.cam_from_world().rotation.matrix(), by_camera
+
+
+def _in_camera(image: "pycolmap.Image", points_m: np.ndarray) -> np.ndarray:
+    pose = image.cam_from_world()
+    return points_m @ pose.rotation.matrix().T + pose.translation
+
+
+def _pixels(camera: "pycolmap.Camera", x: np.ndarray) -> np.ndarray:
+    return np.asarray(camera.img_from_cam(x)).reshape(-1, 2)
+
+
+def _moved(camera: "pycolmap.Camera", k: int, step: float) -> "pycolmap.Camera":
+    """Return a copy of the camera whose intrinsic parameter number k is increased by step."""
+    other = type(camera)(camera.todict())
+    params = np.array(camera.params)
+    params[k] += step
+    other.params = params.tolist()
+    return other

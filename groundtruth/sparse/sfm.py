@@ -9,10 +9,10 @@ seed gives the same poses.
 from collections import defaultdict
 from pathlib import Path
 
-from handbench.groundtruth.board.markers import focal_length_px
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images, set_pose
+from handbench.groundtruth.cameras import Camera, pycolmap, registered_images, set_pose
+from handbench.groundtruth.markers import focal_length_px
 from handbench.groundtruth.options import Lenses
-from handbench.groundtruth.photos.photos import FEWEST, Photo
+from handbench.groundtruth.photos import FEWEST, Photo
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import say

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from handbench.groundtruth.cameras.camera_files import cameras_in, write_model
-from handbench.groundtruth.cameras.cameras import Camera, pycolmap, registered_images
+from handbench.groundtruth.camera_files import cameras_in, write_model
+from handbench.groundtruth.cameras import Camera, pycolmap, registered_images
 from handbench.groundtruth.options import Lenses, SparseOptions
-from handbench.groundtruth.photos.photos import FEWEST, Photo
-from handbench.groundtruth.sparse.adjust import adjust
-from handbench.groundtruth.sparse.covariance import camera_covariance
+from handbench.groundtruth.photos import FEWEST, Photo
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, poses_from_model
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sfm import structure_from_motion, triangulate_known_poses

@@ -9,10 +9,10 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
-from handbench.calibration.array.array_file import with_calibration
+from handbench.calibration.array_file import with_calibration
 from handbench.calibration.corrections import from_echoes
-from handbench.calibration.registration.refine import refine
-from handbench.calibration.registration.register import HAND_M
+from handbench.calibration.refine import refine
+from handbench.calibration.registration import HAND_M
 from handbench.calibration.transforms import Transform
 from handbench.cli.options import free
 from handbench.groundtruth.mesh.depth import reference_on_grid

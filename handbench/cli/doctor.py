@@ -3,7 +3,7 @@
 import argparse
 import shutil
 
-from handbench.groundtruth.cameras.cameras import cuda_devices, load_pycolmap
+from handbench.groundtruth.cameras import cuda_devices, load_pycolmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import machine
 from handbench.support.errors import HandbenchError

@@ -24,9 +24,9 @@ def run(options: argparse.Namespace) -> None:
             f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
         )
     from handbench.bench.validation.captures import board_warnings
-    from handbench.groundtruth.board.board import load_board
+    from handbench.groundtruth.board import load_board
     from handbench.groundtruth.options import Options
-    from handbench.groundtruth.photos.photos import find_photos
+    from handbench.groundtruth.photos import find_photos
     from handbench.groundtruth.pipeline import reconstruct
     from handbench.support.config import parse
     from handbench.support.progress import say
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _take_over(options: argparse.Namespace) -> None:
-    from handbench.groundtruth.mesh.mesh_files import metric_mesh, write_mesh
+    from handbench.groundtruth.mesh.surface import metric_mesh, write_mesh
 
     if options.unit is None:
         raise HandbenchError(

@@ -14,9 +14,9 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.pipeline.view import view
 from handbench.bench.results.maps import SurfaceMap
 from handbench.bench.scenes.stand import stand_board
-from handbench.calibration.spheres.description import Target, default_target
+from handbench.calibration.target import Target, default_target
 from handbench.cli.options import free
-from handbench.groundtruth.board.board import Board
+from handbench.groundtruth.board import Board
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
 from handbench.radar.data.capture import range_profile

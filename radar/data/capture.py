@@ -38,7 +38,7 @@ class RadarCapture:
     samples: complex64 [frame, f, t, r], or [frame, f, n] of a scan; frequencies_hz: [f], in any
     order, perhaps some repeatedly; wave_speed_m_s: speed of waves in the medium in front of the
     antennas; source, licence: origin and licence of the recording; calibration: content of the
-    antennas' `array.json`, not applied yet (`calibration.array.array_file`); times_s:
+    antennas' `array.json`, not applied yet (`calibration.array_file`); times_s:
     [f], when each tone is measured, seconds from the start of its frame; frame_times_s: [frame],
     when each frame starts, ascending (both None if unknown).
     """

@@ -13,7 +13,7 @@ from handbench.reports.figures.style import styled
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
-    from handbench.groundtruth.board.board import Board
+    from handbench.groundtruth.board import Board
 
 MILLIMETRES = 1e3
 # how far a marker may differ from a square, relative: a measured board's corners are not exact

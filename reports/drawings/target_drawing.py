@@ -15,7 +15,7 @@ from handbench.reports.drawings.sheets import STYLE, sheet
 from handbench.reports.figures.style import styled
 
 if TYPE_CHECKING:
-    from handbench.calibration.spheres.description import Target
+    from handbench.calibration.target import Target
 
 MILLIMETRES = 1e3
 GAP_MM = 5.0  # between the views

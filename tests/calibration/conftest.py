@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from handbench.calibration.spheres.description import Target, default_target
+from handbench.calibration.target import Target, default_target
 from tests.calibration.seen_target import search_coarsely
 
 

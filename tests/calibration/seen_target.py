@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.calibration.registration.register import solve
-from handbench.calibration.registration.rigid_fit import Pairs
-from handbench.calibration.spheres import optical_detection, radar_detection
-from handbench.calibration.spheres.description import Candidate
+from handbench.calibration import optical_detection, radar_detection
+from handbench.calibration.registration import Pairs, solve
+from handbench.calibration.target import Candidate
 from handbench.calibration.transforms import Transform
 from handbench.radar.data.grid import Axis, VoxelGrid
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from handbench.calibration.registration.register import common_covariance
+from handbench.calibration.registration import common_covariance
 
 
 def test_what_all_centres_share_lies_along_z(target):

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.calibration.spheres.description import load_target
-from handbench.groundtruth.board.board import load_board
-from handbench.groundtruth.cameras.cameras import load_cameras
-from handbench.groundtruth.cameras.metashape import read_metashape
+from handbench.calibration.target import load_target
+from handbench.groundtruth.board import load_board
+from handbench.groundtruth.camera_files import read_metashape
+from handbench.groundtruth.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
-from handbench.groundtruth.photos.pictures import open_picture
+from handbench.groundtruth.pictures import open_picture
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import load

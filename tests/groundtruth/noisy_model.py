@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.board.board import Board, Marker
-from handbench.groundtruth.board.markers import crossings_of_edges
-from handbench.groundtruth.cameras.cameras import load_pycolmap, registered_images
-from handbench.groundtruth.photos.photos import Photo
-from handbench.groundtruth.sparse.adjust import adjust
-from handbench.groundtruth.sparse.covariance import camera_covariance
+from handbench.groundtruth.board import Board, Marker
+from handbench.groundtruth.cameras import load_pycolmap, registered_images
+from handbench.groundtruth.markers import crossings_of_edges
+from handbench.groundtruth.photos import Photo
+from handbench.groundtruth.sparse.adjust import adjust, camera_covariance
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.normal import parameter_places
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras import Camera
 
 FOCAL_PER_WIDTH = 1.1
 SIDE_M, TEXELS = 2.0, 1024

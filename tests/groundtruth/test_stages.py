@@ -5,7 +5,7 @@ import pytest
 
 from handbench.cli.main import main
 from handbench.groundtruth import pipeline
-from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.cameras import load_pycolmap
 from handbench.groundtruth.options import Options
 from handbench.groundtruth.sparse.frame import Scale
 from handbench.groundtruth.sparse.sparse import Sparse

@@ -15,16 +15,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from handbench.calibration.registration.rigid_fit import GROSS
-from handbench.calibration.spheres.ball_fit import fit_balls
-from handbench.calibration.spheres.description import (
-    Candidate,
-    Element,
-    Target,
-    default_target,
-    match,
-)
-from handbench.calibration.spheres.optical_detection import find_spheres, fit_sphere
+from handbench.calibration.ball_fit import fit_balls
+from handbench.calibration.optical_detection import find_spheres, fit_sphere
+from handbench.calibration.registration import GROSS
+from handbench.calibration.target import Candidate, Element, Target, default_target, match
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
 from handbench.radar.simulation.physics.spheres import sphere_echo
 from handbench.support.errors import HandbenchError

@@ -12,7 +12,7 @@ import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.run.runner import run
-from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from handbench.groundtruth.mesh.surface import load_open3d, write_mesh
 from tests.independent import table_by_hand
 from tests.small_benchmark import BENCH, SCENE
 

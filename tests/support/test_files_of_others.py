@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import read_triangles
-from handbench.groundtruth.photos.photos import find_photos
+from handbench.groundtruth.mesh.surface import read_triangles
+from handbench.groundtruth.photos import find_photos
 from handbench.radar.data.arrays import load_positions
 from handbench.radar.data.hdf5 import attribute
 from handbench.support.config import checked_name, read_toml

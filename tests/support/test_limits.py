@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.groundtruth.photos.pictures import open_picture
+from handbench.groundtruth.pictures import open_picture
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture

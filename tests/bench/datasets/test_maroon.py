@@ -18,7 +18,7 @@ from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.pipeline.image import configuration
 from handbench.bench.pipeline.score import reference_of_file
 from handbench.bench.stages.reconstruct import Imager
-from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.groundtruth.mesh.surface import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import Axis, PixelGrid

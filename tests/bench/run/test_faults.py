@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import load_open3d, write_mesh
+from handbench.groundtruth.mesh.surface import load_open3d, write_mesh
 from handbench.radar.data.arrays import AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture

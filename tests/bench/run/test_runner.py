@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.results.result_folder import load
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.mesh_files import read_mesh, write_mesh
+from handbench.groundtruth.mesh.surface import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from tests.bench.run.faults import execute, figures
 from tests.refusals import refuse

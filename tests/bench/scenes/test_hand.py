@@ -7,7 +7,7 @@ import pytest
 from handbench.bench.scenes.hand_pose import POSES, Pose, WristPose
 from handbench.bench.scenes.implicit import triangle_quality
 from handbench.bench.scenes.textures import marked_skin, skin
-from handbench.groundtruth.mesh.mesh_files import mesh
+from handbench.groundtruth.mesh.surface import mesh
 from handbench.support.rays import Rays
 from tests.bench.scenes.hand_field import hand_field, one_body
 

@@ -11,11 +11,11 @@ from handbench.bench.datasets.simulated import simulate_capture, write_photos
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.scenes.stand import stand_board
-from handbench.calibration.spheres.description import load_target
+from handbench.calibration.target import load_target
 from handbench.calibration.transforms import load_transform
-from handbench.groundtruth.board.board import load_board
-from handbench.groundtruth.cameras.cameras import load_cameras
-from handbench.groundtruth.mesh.mesh_files import mesh, read_mesh, read_triangles, write_mesh
+from handbench.groundtruth.board import load_board
+from handbench.groundtruth.cameras import load_cameras
+from handbench.groundtruth.mesh.surface import mesh, read_mesh, read_triangles, write_mesh
 from handbench.radar.data.echoes_file import load_capture
 from handbench.support.config import parse
 from tests.refusals import refuse

@@ -9,13 +9,13 @@ import tomlkit
 
 from handbench.bench.datasets.native import ECHOES, TARGET, CaptureFile, save_capture_file
 from handbench.bench.stages.calibrate import REGISTRATION, calibrate, calibrate_captures
-from handbench.calibration.registration.register import common_covariance
-from handbench.calibration.spheres.description import default_target
+from handbench.calibration.registration import common_covariance
+from handbench.calibration.target import default_target
 from handbench.calibration.transforms import load_transform
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.radar.data.echoes_file import save_capture
-from tests.calibration.spheres.test_balls import capture, centres
-from tests.calibration.spheres.test_spheres import scene
+from tests.calibration.test_balls import capture, centres
+from tests.calibration.test_spheres import scene
 from tests.refusals import refuse
 
 TARGET_MADE = default_target()

@@ -43,9 +43,9 @@ def test_the_error_is_the_distance_where_both_surfaces_are(tmp_path, monkeypatch
     ball = tmp_path / "ball"
     write_photos(build(parse(SceneFile, BALL, "the ball")), ball)
     assert has_quality(ball)
-    made = SimpleNamespace(surface=too_small(ball), seconds={"sparse": 2.0, "dense": 3.5})
+    made = SimpleNamespace(surface=too_small(ball))
     monkeypatch.setattr(quality, "reconstruct", lambda photos, options: made)
-    monkeypatch.setattr(quality, "compile_kernels", lambda: None)  # which nothing here needs
+    monkeypatch.setattr(quality, "clock_s", iter([2.0, 7.5]).__next__)
     measure_quality(tmp_path, str(ball), "draft", 0)
     found = json.loads((tmp_path / "quality.json").read_text())
     # the true surface has edges of 4 mm: flat to 0.06 mm; half the disc, less the rim

@@ -18,7 +18,7 @@ from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.bench.validation.inspection import inspect, show
 from handbench.calibration.transforms import Transform
-from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.groundtruth.mesh.surface import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import save_capture

@@ -17,7 +17,7 @@ from handbench.bench.validation.checks import MAP, warnings_of
 from handbench.bench.validation.inspection import inspect
 from handbench.bench.validation.mistakes import conjugation_warnings, step_warnings
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import mesh, write_mesh
+from handbench.groundtruth.mesh.surface import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from handbench.groundtruth import pipeline
-from handbench.groundtruth.cameras.cameras import cuda_devices, pycolmap
+from handbench.groundtruth.cameras import cuda_devices, pycolmap
 from handbench.groundtruth.dense import cuda
 from handbench.groundtruth.options import Options
 from tests.groundtruth import ball

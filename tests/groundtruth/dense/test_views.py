@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap
+from handbench.groundtruth.cameras import load_pycolmap
 from handbench.groundtruth.dense.views import open_view
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.photos import Photo
 
 SIDE = 200
 

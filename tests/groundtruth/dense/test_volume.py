@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras import Camera
 from handbench.groundtruth.dense.volume import (
     board_plane,
     narrow_volume,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.mesh_files import read_triangles
+from handbench.groundtruth.mesh.surface import read_triangles
 from tests.refusals import refuse, refuse_command
 
 VERTICES_M = np.float32([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3), (0.1, 0.1, 0.35)])

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from handbench.groundtruth.mesh.mesh_files import mesh
-from handbench.groundtruth.mesh.poisson import clean, surface
-from handbench.groundtruth.mesh.target import OFF_PX, keep_target, remove_board
+from handbench.groundtruth.mesh.poisson import OFF_PX, clean, keep_target, remove_board, surface
+from handbench.groundtruth.mesh.surface import mesh
 from tests.groundtruth.dense.test_volume import PLANE
 from tests.groundtruth.mesh.test_mesh import PIXEL_M, RADIUS_M, cap, cloud_of
 from tests.refusals import refuse

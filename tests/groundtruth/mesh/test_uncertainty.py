@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from handbench.groundtruth.cameras.cameras import registered_images
+from handbench.groundtruth.cameras import registered_images
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.mesh.uncertainty import (
     NEIGHBOURS,
@@ -19,7 +19,7 @@ from handbench.groundtruth.mesh.uncertainty import (
     surface_sigma,
     window_sigma,
 )
-from handbench.groundtruth.sparse.covariance import point_covariance
+from handbench.groundtruth.sparse.adjust import point_covariance
 from tests.groundtruth.noisy_model import noisy_model
 
 PIXEL_M = 1e-3

@@ -5,11 +5,10 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.cameras.cameras import pycolmap, registered_images, set_pose
-from handbench.groundtruth.sparse.covariance import camera_covariance, point_covariance
+from handbench.groundtruth.cameras import pycolmap, registered_images, set_pose
+from handbench.groundtruth.sparse.adjust import camera_covariance, point_covariance
 from handbench.groundtruth.sparse.frame import Scale
-from handbench.groundtruth.sparse.jacobians import project
-from handbench.groundtruth.sparse.normal import normal_equations, parameter_places
+from handbench.groundtruth.sparse.normal import normal_equations, parameter_places, project
 from tests.groundtruth.noisy_model import adjusted, noisy_model
 
 DRAWS = 25

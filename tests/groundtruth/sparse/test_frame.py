@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.board.markers import detect_corners
-from handbench.groundtruth.photos.photos import Photo
+from handbench.groundtruth.markers import detect_corners
+from handbench.groundtruth.photos import Photo
 from handbench.groundtruth.sparse.frame import apply, board_from_model, trimmed_similarity
 from tests.groundtruth.noisy_model import board_of, noisy_model, poses_of
 from tests.refusals import refuse

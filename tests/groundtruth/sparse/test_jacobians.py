@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.sparse.jacobians import pixel_jacobians, project
+from handbench.groundtruth.cameras import load_pycolmap
+from handbench.groundtruth.sparse.normal import pixel_jacobians, project
 from tests.strategies import examples
 
 STEP = 1e-30  # of a complex step, which has no rounding error

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.groundtruth.board.board import CHESSBOARD, Board, Charuco
-from handbench.groundtruth.cameras.cameras import load_pycolmap
-from handbench.groundtruth.photos.photos import Photo, find_photos
+from handbench.groundtruth.board import CHESSBOARD, Board, Charuco
+from handbench.groundtruth.cameras import load_pycolmap
+from handbench.groundtruth.photos import Photo, find_photos
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sfm import find_features, named_pictures
-from tests.groundtruth.board.test_board import slanted
+from tests.groundtruth.test_board import slanted
 
 
 def database(known, folder, lenses):

@@ -4,7 +4,7 @@ work starts."""
 import numpy as np
 import pytest
 
-from handbench.groundtruth.cameras.camera_files import cameras_in
+from handbench.groundtruth.camera_files import cameras_in
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse import sparse
 from handbench.groundtruth.sparse.frame import Scale, apply

@@ -6,8 +6,8 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
-from handbench.groundtruth.cameras.camera_files import read_model
-from handbench.groundtruth.cameras.cameras import load_cameras, registered_images, save_cameras
+from handbench.groundtruth.camera_files import read_model
+from handbench.groundtruth.cameras import load_cameras, registered_images, save_cameras
 from handbench.groundtruth.options import SparseOptions
 from handbench.groundtruth.sparse.inputs import gather
 from handbench.groundtruth.sparse.sparse import register

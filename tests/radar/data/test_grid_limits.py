@@ -4,7 +4,7 @@ import pytest
 
 from handbench.bench.benchmarks.benchmark_file import MethodEntry
 from handbench.bench.scenes.scene_file import Sensor
-from handbench.groundtruth.cameras.cameras import Camera
+from handbench.groundtruth.cameras import Camera
 from handbench.radar.methods.backprojection import Backprojection
 from handbench.radar.methods.fsk import Fsk
 from handbench.support.config import parse

@@ -5,7 +5,7 @@ import h5py
 import numpy as np
 import pytest
 
-from handbench.calibration.array.array_file import ArrayCalibration, Side, with_calibration
+from handbench.calibration.array_file import ArrayCalibration, Side, with_calibration
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import SPARSE, RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture

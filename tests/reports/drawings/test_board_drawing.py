@@ -9,9 +9,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from handbench.bench.scenes.stand import stand_board
-from handbench.calibration.spheres.description import default_target, load_target
+from handbench.calibration.target import default_target, load_target
 from handbench.cli.main import main
-from handbench.groundtruth.board.board import Board, Charuco, Marker, load_board
+from handbench.groundtruth.board import Board, Charuco, Marker, load_board
 from handbench.reports.drawings.board_drawing import board_sheet
 from handbench.reports.drawings.sheets import INCH_MM, STYLE
 from tests.refusals import refuse

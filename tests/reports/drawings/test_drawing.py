@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.patches import Circle
 
-from handbench.calibration.spheres.description import default_target
+from handbench.calibration.target import default_target
 from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, STYLE
 from handbench.reports.drawings.target_drawing import target_sheet
 from handbench.reports.figures.style import save

@@ -1,1 +1,0 @@
-"""Cameras, and the readers of camera files from handbench, COLMAP and Metashape."""

@@ -1,1 +1,0 @@
-"""Photographs: files, tones, masks of the target, and checks before a reconstruction starts."""
