@@ -21,7 +21,7 @@ from handbench.radar.data.capture import RadarCapture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from handbench.support.voxels import mean_by, voxels
+from handbench.support.points import mean_by, voxels
 
 Unknown = Literal["range_offset", "scan_step"]  # what echoes tell of the instrument
 SAME_M = 1e-5  # vectors from transmitter to receiver that agree to this are those of one element

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from handbench.calibration.target import Candidate, Target
-from handbench.support.voxels import mean_by, voxels
+from handbench.support.points import mean_by, voxels
 
 VOXELS_PER_RADIUS = 15  # of the smallest sphere
 LEAST_POINTS = 16  # of a sphere, and votes for its centre

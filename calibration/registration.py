@@ -22,8 +22,8 @@ from handbench.calibration.radar_detection import find_balls
 from handbench.calibration.target import Candidate, Target, match
 from handbench.calibration.transforms import Transform, adjoint, perturbation_jacobian, umeyama
 from handbench.radar.data.capture import RadarCapture
-from handbench.support.consensus import MAJORITY, nearest_majority
 from handbench.support.errors import HandbenchError
+from handbench.support.points import MAJORITY, nearest_majority
 from handbench.support.progress import say
 
 HAND_M = np.array([0.0, 0.0, 0.3])  # the hand's centre, radar frame

@@ -21,7 +21,7 @@ from scipy.io import loadmat
 
 import handbench as hb
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.image import configuration
+from handbench.bench.stages.image import configuration
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap

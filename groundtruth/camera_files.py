@@ -39,8 +39,14 @@ from handbench.groundtruth.cameras import (
 from handbench.groundtruth.photos import FEWEST, Photo
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_bytes, read_parsed, require_folder
-from handbench.support.limits import MODEL_BYTES, XML_BYTES
+from handbench.support.files import (
+    MODEL_BYTES,
+    XML_BYTES,
+    one_form,
+    read_bytes,
+    read_parsed,
+    require_folder,
+)
 from handbench.support.progress import say
 
 # least and largest focal length over the picture's longer side, largest distortion

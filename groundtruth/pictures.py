@@ -14,8 +14,7 @@ from typing import Any
 from PIL import Image
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes
-from handbench.support.limits import PICTURE_BYTES
+from handbench.support.files import PICTURE_BYTES, read_bytes
 
 FORMATS = ["JPEG", "PNG", "TIFF"]  # of what else Pillow knows, some starts programs
 LARGEST_PX = 110_000_000  # a hundred megapixels take a GB to decode

@@ -137,7 +137,7 @@ class Capture:
             HandbenchError: an unknown method or parameter, a frame or a tone that the capture does
                 not have.
         """
-        from handbench.bench.pipeline.image import configuration, image
+        from handbench.bench.stages.image import configuration, image
         from handbench.bench.validation.checks import CHANNELS, warnings_of
         from handbench.radar.methods import registry
         from handbench.support.progress import say
@@ -175,7 +175,7 @@ def stream(
     """
     import numpy as np
 
-    from handbench.bench.pipeline.image import prepare
+    from handbench.bench.stages.image import prepare
     from handbench.radar.data.capture import RadarCapture, as_complex64
     from handbench.radar.methods import registry
 
@@ -324,7 +324,7 @@ class Depth(Delegating, Plottable):
         """
         from handbench.bench.datasets.maroon_alignment import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
-        from handbench.bench.pipeline.score import reference_of_surface, score
+        from handbench.bench.evaluation.score import reference_of_surface, score
         from handbench.groundtruth.mesh.surface import read_surface
         from handbench.radar.data.grid import PixelGrid
         from handbench.support.errors import HandbenchError

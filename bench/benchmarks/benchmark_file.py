@@ -31,8 +31,7 @@ from handbench.radar.methods.registry import method, titles
 from handbench.radar.simulation.causes import Noise
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.files import real, require_folder
-from handbench.support.limits import MOST_TABLES
+from handbench.support.files import MOST_TABLES, real, require_folder
 
 EMBEDDED = Path(__file__).parent
 FOLDER = Path(__file__).with_name("folder.toml")  # the benchmark of a folder of captures

@@ -16,8 +16,7 @@ import numpy as np
 from handbench.calibration.transforms import Matrix, Transform, identity, load_transform
 from handbench.support.config import Config, ConfigT, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json
-from handbench.support.limits import RAW_JSON_BYTES, RAW_VALUES
+from handbench.support.files import RAW_JSON_BYTES, RAW_VALUES, read_json
 from handbench.support.progress import say
 
 ALIGNMENT, KEY = "alignment.json", "photogrammetry2radar"

@@ -24,8 +24,7 @@ import numpy as np
 
 from handbench.radar.data.capture import as_complex64
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes
-from handbench.support.limits import MOST_STEPS, PICKLE_BYTES
+from handbench.support.files import MOST_STEPS, PICKLE_BYTES, read_bytes
 
 ANTENNAS, USED = 96, slice(1, 95)
 KEYS = ("fvec", "xr")

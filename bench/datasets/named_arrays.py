@@ -12,6 +12,9 @@ import numpy as np
 from handbench.radar.data.hdf5 import local_item, read
 from handbench.support.errors import HandbenchError
 from handbench.support.files import (
+    ARRAY_BYTES,
+    MOST_CELLS,
+    TABLE_BYTES,
     inside,
     read_array,
     read_bytes,
@@ -19,7 +22,6 @@ from handbench.support.files import (
     read_text,
     require_file,
 )
-from handbench.support.limits import ARRAY_BYTES, MOST_CELLS, TABLE_BYTES
 
 TABLES = (".csv", ".tsv", ".txt", ".dat")
 WHAT = "the HDF5, MATLAB, NumPy or text file that mapping.toml names"

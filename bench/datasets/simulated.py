@@ -4,6 +4,7 @@ and description."""
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -20,10 +21,10 @@ from handbench.bench.datasets.native import (
     CaptureFile,
     save_capture_file,
 )
-from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import echo_scene, echoes, surfaces
 from handbench.bench.scenes.photographs import Studio, photo_effects
-from handbench.bench.scenes.scene_file import HandTarget, MeshTarget
+from handbench.bench.scenes.scene_file import HandTarget, MeshTarget, SceneFile
 from handbench.bench.scenes.stand import stand_board
 from handbench.groundtruth.board import save_board
 from handbench.groundtruth.cameras import load_pycolmap, save_cameras
@@ -31,10 +32,13 @@ from handbench.groundtruth.mesh.ply import by_axis, write_ply
 from handbench.groundtruth.mesh.surface import write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.scene import Choice
+from handbench.support.config import parse
 from handbench.support.files import atomic_folder, atomic_path, write_text
 from handbench.support.parallel import for_each
 from handbench.support.progress import say
+from handbench.support.store import stage
 
+CAPTURE = "capture"  # folder of the stage that simulates a scene
 JPEG_QUALITY = 96
 # names of the files of a simulated capture
 WRITTEN = (
@@ -50,6 +54,26 @@ WRITTEN = (
     f"{PHOTOS}/truth_cameras.json",
     f"{PHOTOS}/board.toml",
 )
+
+
+@stage(
+    "simulate",
+    "bench/datasets",
+    "bench/scenes",
+    "calibration",
+    "groundtruth/board.py",
+    "groundtruth/cameras.py",
+    "groundtruth/mesh",
+    "radar/data",
+    "radar/imaging",
+    "radar/simulation",
+)
+def simulate(folder: Path, scene: dict[str, Any], base: str, frames: int) -> None:
+    """Simulate a scene, and write the capture into the folder CAPTURE inside a stage's folder.
+    scene: content of the scene file; base: folder of the files that the scene names; frames: how
+    many frames are simulated."""
+    file = parse(SceneFile, scene, f"scene of {base}")
+    simulate_capture(build(file, Path(base)), folder / CAPTURE, frames)
 
 
 def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple[Choice, ...]:

@@ -19,8 +19,7 @@ from handbench.radar.data.capture import to_capture
 from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes, read_text, require_folder
-from handbench.support.limits import CSV_BYTES, KEPT_BYTES
+from handbench.support.files import CSV_BYTES, KEPT_BYTES, read_bytes, read_text, require_folder
 from handbench.support.progress import say
 
 WHAT = "adc_data.bin and a .cfg, the chirp profile"

@@ -15,8 +15,15 @@ from handbench.bench.datasets.native import save_echoes_folder
 from handbench.radar.data.capture import to_capture
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import inside, read_parsed, require_file, require_folder, require_size
-from handbench.support.limits import CSV_BYTES, TOUCHSTONE_BYTES
+from handbench.support.files import (
+    CSV_BYTES,
+    TOUCHSTONE_BYTES,
+    inside,
+    read_parsed,
+    require_file,
+    require_folder,
+    require_size,
+)
 
 if TYPE_CHECKING:
     import pandas as pd

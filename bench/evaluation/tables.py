@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, read_text
-from handbench.support.limits import MOST_CELLS, RESULT_BYTES
+from handbench.support.files import MOST_CELLS, RESULT_BYTES, atomic_path, read_text
 
 if TYPE_CHECKING:
     import pandas as pd

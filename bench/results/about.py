@@ -14,8 +14,7 @@ from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.radar.methods.registry import titles as titles
 from handbench.support.config import Config, Name, parse
-from handbench.support.files import read_json
-from handbench.support.limits import RESULT_BYTES, RESULT_VALUES
+from handbench.support.files import RESULT_BYTES, RESULT_VALUES, read_json
 
 Reference = Literal["photogrammetry", "completed", "truth"]
 Measure = Literal["accuracy", "precision"]

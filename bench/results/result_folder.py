@@ -26,8 +26,7 @@ from handbench.bench.results.maps import (
     read_map,
 )
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, read_bytes, require_folder
-from handbench.support.limits import MOST_CELLS, TOML_BYTES
+from handbench.support.files import MOST_CELLS, TOML_BYTES, atomic_path, read_bytes, require_folder
 
 if TYPE_CHECKING:
     import pandas as pd

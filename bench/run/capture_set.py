@@ -15,8 +15,8 @@ from handbench.bench.scenes.build import build
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_text
-from handbench.support.folder import drop, is_owned_folder
 from handbench.support.progress import counted
+from handbench.support.store import drop, is_owned_folder
 
 BENCH, CAPTURES = "bench.toml", "captures"
 

@@ -1,20 +1,230 @@
-"""The engine of a run: it carries out stages, and records what they cost and which failed."""
+"""The engine of a run: it carries out stages, in this process, in several processes of this machine
+or on the workers of a Dask cluster, and records what they cost and which failed."""
 
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import threading
 from collections import deque
-from collections.abc import Container, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import psutil
 
 from handbench.bench.results.about import Failure
-from handbench.bench.run.executors import WorkersLostError, started
 from handbench.bench.stages.reconstruct import read_times
-from handbench.support.cost import Cost
+from handbench.support.cost import Cost, machine
 from handbench.support.errors import HandbenchError
+from handbench.support.parallel import begin_process, script_left_out, workers
 from handbench.support.progress import Work, say
-from handbench.support.store import Stage
+from handbench.support.store import Stage, cached, code_key
+
+if TYPE_CHECKING:  # an extra
+    from distributed import Client
+
+MOST = 4  # processes: a table has about as many long chains
+STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
+CONNECT_S = 20.0
+# print tracebacks of lost connections
+LOGS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+# a cost is measured of the whole process, which therefore carries out one stage at a time
+_ALONE = threading.Lock()
+
+
+class ProcessExecutor(ProcessPoolExecutor):
+    """Executor that carries out stages in several processes of this machine, each with its own
+    share of the cores. The processes start with the first stage. count: number of processes;
+    scratch: folder of their temporary files."""
+
+    def __init__(self, count: int, scratch: str) -> None:
+        context, cores = get_context("spawn"), sorted(os.sched_getaffinity(0))[: workers()]
+        shares = [cores[n::count] for n in range(count)]
+        begin = (shares, context.Value("i", 0), os.getpid(), scratch)
+        super().__init__(count, context, begin_process, begin)
+        self._machine = machine()  # measured while nothing else runs
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Queue a call of the function in the next idle process, and return its future."""
+        with script_left_out():
+            return super().submit(function, *args, facts=self._machine, **kwargs)
+
+
+class WorkersLostError(HandbenchError):
+    """The workers ended that a stage was given to; perhaps another stage of theirs ended them."""
+
+
+class DaskExecutor(Executor):
+    """Executor that carries out stages on the workers of a Dask scheduler.
+    If a worker is lost, the scheduler gives its stages to another worker. This is safe because the
+    folder of a stage appears complete or not at all."""
+
+    def __init__(self, client: Client) -> None:
+        # its futures fail when the scheduler has gone; those of get_executor() then never end
+        self._client = client
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Send a call of the function to one of the cluster's workers, and return its future."""
+        future: Future[Any] = Future()
+        sent: Any = self._client.submit(function, *args, pure=False, **kwargs)
+        sent.add_done_callback(partial(_pass_on, future))
+        return future
+
+
+def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
+    """Copy the result or the error of a Dask future, `ended`, to an ordinary future."""
+    from distributed import KilledWorker
+
+    try:
+        future.set_result(ended.result())
+    except KilledWorker:
+        message = "its workers ended while computing it; give the workers more memory"
+        future.set_exception(WorkersLostError(message))
+    except BaseException as error:
+        future.set_exception(error)
+
+
+def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
+    """Carry out a stage in a worker process, as `cached` does.
+    root: folder of all stages. facts: of this machine (None: they are measured here). Raises
+    HandbenchError if the worker does not see this folder, or has other versions of handbench or of
+    its libraries."""
+    if not root.is_dir():
+        raise HandbenchError(
+            f"{root}: this machine does not have the result folder; put it on a disk that all "
+            "workers share"
+        )
+    if code_key(stage.function) != stage.code:
+        raise HandbenchError(
+            f"{stage.label}: this worker has another version of handbench or of a library than "
+            "the client; install the same versions on both"
+        )
+    with _ALONE:
+        return cached(root, stage, facts)
+
+
+def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple[Cost, bool]]:
+    """Start a stage; return the future of what `cached` returns. A cluster gets every stage.
+    Processes of this machine get those that share it and are not in the store `root`; all others
+    are carried out in this process before this function returns, because the time of imaging is a
+    result. executor: None for this process alone."""
+    beside = stage.shares and not stage.folder(root).exists()
+    if isinstance(executor, DaskExecutor) or (executor is not None and beside):
+        return executor.submit(elsewhere, root, stage)
+    future: Future[tuple[Cost, bool]] = Future()
+    try:
+        future.set_result(cached(root, stage))
+    except HandbenchError as error:
+        future.set_exception(error)
+    return future
+
+
+def process_count(chains: int) -> int:
+    """Return the number of processes for which a run has work, that is long chains of stages, and
+    this machine has cores and free memory; 1 if this process may not start others."""
+    if current_process().daemon:
+        return 1
+    cores = min(workers(), len(os.sched_getaffinity(0)))
+    fitting = int(psutil.virtual_memory().available / STAGE_BYTES)
+    return max(min(cores, chains, MOST, fitting), 1)
+
+
+@contextmanager
+def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | None]:
+    """Provide the executor of a run as a context manager; None for this process alone.
+    count: number of processes on this machine. scheduler: address of a Dask scheduler,
+    tcp://host:port, whose workers are used instead. Raises HandbenchError if the system ends a
+    process, if no scheduler answers, or if it stops answering during the run."""
+    if scheduler is not None:
+        with _cluster(scheduler) as cluster:
+            yield cluster
+        return
+    if count < 2:
+        yield None
+        return
+    with TemporaryDirectory(prefix="handbench-", ignore_cleanup_errors=True) as scratch:
+        processes, others = ProcessExecutor(count, scratch), set(active_children())
+        try:
+            yield processes
+        except BrokenProcessPool:
+            raise HandbenchError(
+                "the operating system ended a process of this run, probably for lack of memory; "
+                "free memory or set HANDBENCH_WORKERS=1, then run the same command, which resumes "
+                "the run"
+            ) from None
+        finally:  # no stage writes files after this
+            for process in set(active_children()) - others:
+                process.kill()
+            processes.shutdown(cancel_futures=True)
+
+
+def _workers(scheduler: str) -> dict[str, Any]:
+    """Ask a Dask scheduler for its workers: address → facts. Raises HandbenchError if no scheduler
+    answers."""
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async def identity() -> dict[str, Any]:
+        security = Security().get_connection_args("client")  # certificates that Dask is set to use
+        async with rpc(scheduler, connection_args=security) as remote:
+            return await remote.identity()
+
+    try:
+        # a client would wait for ever at other servers' ports; a notebook has a loop of its own
+        with ThreadPoolExecutor(1) as thread:
+            answer = thread.submit(asyncio.run, asyncio.wait_for(identity(), CONNECT_S)).result()
+        return answer["workers"]
+    except Exception as error:  # whatever another server answers
+        raise HandbenchError(
+            f"--scheduler: no Dask scheduler answers at '{scheduler}' "
+            f"({str(error) or 'it is silent'}); give tcp://host:port of a running `dask "
+            "scheduler`: its own port, not the dashboard's"
+        ) from error
+
+
+@contextmanager
+def _cluster(scheduler: str) -> Iterator[DaskExecutor]:
+    """Provide the executor of a Dask cluster as a context manager. scheduler: its address."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise HandbenchError(
+            f"--scheduler: needs Dask, which cannot be imported ({error}); run pip install "
+            "'handbench[cluster]', or leave --scheduler out"
+        ) from error
+    for name in LOGS:  # an error of the cluster is reported once, in a sentence
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    if not _workers(scheduler):
+        say(f"{scheduler} has no workers, for which the run waits: dask worker {scheduler}")
+    try:
+        with Client(scheduler, set_as_default=False) as client:
+            yield DaskExecutor(client)
+    except (CancelledError, OSError) as error:
+        # a file's; those of connections have none
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise HandbenchError(
+            "--scheduler: the connection to the scheduler is lost; start the scheduler again, "
+            "then run the same command, which resumes the run"
+        ) from error
+
 
 Done = tuple[Cost, bool]  # what a stage cost, and whether an earlier run had finished it
 # stages of which each needs the one before: one is asked for when the one before is finished

@@ -11,28 +11,31 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import tomlkit
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import INSPECTION, TRUE_TRANSFORM
+from handbench.bench.datasets.native import INSPECTION
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
-from handbench.bench.pipeline.image import configured
 from handbench.bench.results.result_folder import Result, load
 from handbench.bench.run.captures import Opened, RunCapture, open_captures, open_targets
-from handbench.bench.run.engine import Chain, Engine
-from handbench.bench.run.executors import executor, process_count
-from handbench.bench.run.write_result import Imaged, RunOutcome, write
+from handbench.bench.run.engine import Chain, Engine, executor, process_count
+from handbench.bench.run.write_result import (
+    Imaged,
+    RunOutcome,
+    Surface,
+    refined,
+    registration_facts,
+    write,
+)
 from handbench.bench.stages.calibrate import REGISTRATION, TARGET_QUALITY, calibrate, photographs
 from handbench.bench.stages.foreign import foreign_stage
+from handbench.bench.stages.image import configured
 from handbench.bench.stages.quality import has_quality, measure_quality, quality_name
 from handbench.bench.stages.reconstruct import DEPTH, reconstruct, repeat, time_again
 from handbench.bench.stages.score import MEASURED, score_capture
 from handbench.bench.validation.capture_warnings import inspect_capture, method_warnings
-from handbench.calibration.registration import HAND_M
 from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth import pipeline
 from handbench.groundtruth.options import Quality
@@ -42,11 +45,9 @@ from handbench.radar.imaging.device import current_device
 from handbench.support.compiled import announce
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json
-from handbench.support.folder import locked
 from handbench.support.progress import counted
-from handbench.support.store import Input, Stage, read_sources
+from handbench.support.store import Input, Stage, locked, read_sources
 
-Surface = tuple[Input, Transform]  # a mesh file, and the transform into the radar frame
 PhotoStages = tuple[Stage, Stage, Stage]  # sparse, dense and mesh of one capture's photographs
 
 
@@ -219,18 +220,6 @@ def measure_groundtruth(
     return list(engine.perform(stages).items())
 
 
-def registration_facts(registration: Transform, target: RunCapture) -> dict[str, Any]:
-    """Return facts of the registration for result.json: its residuals, mm; and its error at the
-    position of a hand, mm, if the true transform is known."""
-    residuals_mm = [1e3 * float(residual_m) for residual_m in registration.residuals_m]
-    facts: dict[str, Any] = {"registration_residuals_mm": residuals_mm}
-    true = target.folder / TRUE_TRANSFORM
-    if true.exists():
-        hand_m = registration.points(load_transform(true).inverse().points(HAND_M))
-        facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(hand_m - HAND_M))
-    return facts
-
-
 def image(
     engine: Engine, bench: BenchFile, base: Path, captures: Sequence[RunCapture]
 ) -> list[Imaged]:
@@ -330,12 +319,6 @@ def references(
             "benchmark)"
         )
     return {name: available[name] for name in REFERENCES if name in available}
-
-
-def refined(surfaces: dict[str, dict[str, Surface]]) -> dict[str, str]:
-    """Return the captures whose transform was refined by depth maps: capture → the reason."""
-    measured = {name: of[MEASURED][1] for name, of in surfaces.items() if MEASURED in of}
-    return {name: t.refined for name, t in measured.items() if t.refined}
 
 
 def score(

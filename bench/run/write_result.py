@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
+from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.bench.evaluation.combine import PER_PIXEL, STRONGEST
 from handbench.bench.evaluation.intervals import note
 from handbench.bench.evaluation.main_table import main_table
@@ -22,8 +23,7 @@ from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metr
 from handbench.bench.results.derived import few_pixels
 from handbench.bench.results.maps import Frames, depth_path, errors_path, photo_path, write_frames
 from handbench.bench.results.result_folder import TABLES, write_about, write_tables
-from handbench.bench.run.captures import RunCapture
-from handbench.bench.run.common import CommonSubset, common_subset
+from handbench.bench.run.captures import CommonSubset, RunCapture, common_subset
 from handbench.bench.run.engine import Engine
 from handbench.bench.stages.quality import QUALITY
 from handbench.bench.stages.reconstruct import (
@@ -34,15 +34,16 @@ from handbench.bench.stages.reconstruct import (
     read_times,
 )
 from handbench.bench.stages.score import MEASURED, SCORED, SIGMA
+from handbench.calibration.registration import HAND_M
+from handbench.calibration.transforms import Transform, load_transform
 from handbench.groundtruth.pictures import ORIENTATION, open_picture
 from handbench.groundtruth.pipeline import VIEW
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.imaging.device import describe
 from handbench.support.cost import machine
 from handbench.support.files import atomic_path, read_json, write_text
-from handbench.support.folder import drop
 from handbench.support.progress import say
-from handbench.support.store import Stage, versions
+from handbench.support.store import Input, Stage, drop, versions
 
 PHOTO_PX = 600
 FILES = (
@@ -55,6 +56,7 @@ FILES = (
     *(f"{name}.csv" for name in TABLES),
 )
 Imaged = tuple[Stage, Path]  # a finished stage of imaging, and its folder
+Surface = tuple[Input, Transform]  # a mesh file, and the transform into the radar frame
 
 
 @dataclass(frozen=True)
@@ -229,6 +231,24 @@ def about(
         facts=outcome.facts | facts | ({"groundtruth_sigma_rms": sigmas} if sigmas else {}),
         failures=tuple(outcome.engine.failures),
     )
+
+
+def registration_facts(registration: Transform, target: RunCapture) -> dict[str, Any]:
+    """Return facts of the registration for result.json: its residuals, mm; and its error at the
+    position of a hand, mm, if the true transform is known."""
+    residuals_mm = [1e3 * float(residual_m) for residual_m in registration.residuals_m]
+    facts: dict[str, Any] = {"registration_residuals_mm": residuals_mm}
+    true = target.folder / TRUE_TRANSFORM
+    if true.exists():
+        hand_m = registration.points(load_transform(true).inverse().points(HAND_M))
+        facts["registration_error_at_hand_mm"] = 1e3 * float(np.linalg.norm(hand_m - HAND_M))
+    return facts
+
+
+def refined(surfaces: dict[str, dict[str, Surface]]) -> dict[str, str]:
+    """Return the captures whose transform was refined by depth maps: capture → the reason."""
+    measured = {name: of[MEASURED][1] for name, of in surfaces.items() if MEASURED in of}
+    return {name: t.refined for name, t in measured.items() if t.refined}
 
 
 def _method_facts(outcome: RunOutcome, subset: CommonSubset, entry: MethodEntry) -> MethodFacts:

@@ -22,7 +22,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile, save_echoes_folder
-from handbench.bench.pipeline.image import configured
+from handbench.bench.stages.image import configured
 from handbench.bench.stages.reconstruct import DEPTH, SOURCES, TIMING, write_treated
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.data.grid import PixelGrid

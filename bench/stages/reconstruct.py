@@ -15,7 +15,7 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map
 from handbench.bench.evaluation.repeats import strongest_scatterer_z_m
 from handbench.bench.evaluation.treatments import SMOOTHING
-from handbench.bench.pipeline.image import configuration, prepare, required_frames
+from handbench.bench.stages.image import configuration, prepare, required_frames
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
@@ -24,8 +24,7 @@ from handbench.radar.methods.pixels import masked_mean
 from handbench.radar.methods.registry import method
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.compiled import clock_s
-from handbench.support.files import read_json, read_npz, write_json, write_npz
-from handbench.support.limits import KEPT_BYTES
+from handbench.support.files import KEPT_BYTES, read_json, read_npz, write_json, write_npz
 from handbench.support.store import stage
 
 DEPTH = "depth.npz"
@@ -46,7 +45,7 @@ SOURCES = (
     "bench/evaluation/depth_errors.py",
     "bench/evaluation/repeats.py",
     "bench/evaluation/treatments.py",
-    "bench/pipeline/image.py",
+    "bench/stages/image.py",
     "calibration",
     "groundtruth/mesh",
     "radar",

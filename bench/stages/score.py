@@ -20,11 +20,11 @@ from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
 from handbench.bench.evaluation.floor import budget
 from handbench.bench.evaluation.metrics import Values, figures
+from handbench.bench.evaluation.score import reference_of_file, score, scored_z_m
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
 from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_errors
-from handbench.bench.pipeline.score import reference_of_file, score, scored_z_m
 from handbench.bench.results.derived import SPEED, START, STEP
 from handbench.bench.results.maps import SurfaceMap, write_errors, write_surface
 from handbench.bench.stages.reconstruct import read_frames, read_times, read_treated
@@ -44,10 +44,10 @@ Surfaces = Mapping[str, tuple[str, Transform]]  # reference → mesh file, and r
 @stage(
     "score",
     "bench/stages/score.py",
+    "bench/stages/image.py",
     "bench/stages/reconstruct.py",
     "bench/datasets",
     "bench/evaluation",
-    "bench/pipeline",
     "bench/results",
     "calibration",
     "groundtruth/mesh",

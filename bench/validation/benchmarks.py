@@ -18,8 +18,8 @@ from handbench.bench.benchmarks.benchmark_file import (
     scene_of,
 )
 from handbench.bench.datasets.native import PHOTOS, TARGET, CaptureFile, NativeCapture
-from handbench.bench.pipeline.image import configured, prepare, required_frames
 from handbench.bench.scenes.scene_file import SceneFile, named_files
+from handbench.bench.stages.image import configured, prepare, required_frames
 from handbench.bench.validation.captures import inspect_capture, require_reference
 from handbench.bench.validation.report import Report
 from handbench.calibration.target import load_target

@@ -14,7 +14,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
-from handbench.bench.pipeline.image import configuration, require_near
+from handbench.bench.stages.image import configuration, require_near
 from handbench.bench.validation.checks import ARRAY, MAP, doubt, missing_frames, warnings_of
 from handbench.bench.validation.mistakes import (
     GOOD_MM,
@@ -45,7 +45,7 @@ PROBES = ("3fsk-doppler", "2fsk-doppler", "3fsk", "2fsk", "broadband", "narrowba
     "inspect",
     "bench/validation",
     "bench/datasets",
-    "bench/pipeline/image.py",
+    "bench/stages/image.py",
     "calibration",
     "groundtruth/mesh",
     "radar",

@@ -17,7 +17,7 @@ from handbench.bench.datasets.native import (
     TRANSFORM,
     NativeCapture,
 )
-from handbench.bench.pipeline.image import configured, require_near
+from handbench.bench.stages.image import configured, require_near
 from handbench.bench.validation.checks import (
     CHANNELS,
     lengths,

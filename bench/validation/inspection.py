@@ -12,7 +12,7 @@ from handbench.bench.datasets.dataset import captures, has_capture
 from handbench.bench.datasets.maroon_alignment import load_any_transform
 from handbench.bench.datasets.native import DESCRIPTION, ECHOES, TRANSFORM, NativeCapture
 from handbench.bench.datasets.ti import is_ti_raw, raw_warnings, read_raw
-from handbench.bench.pipeline.image import configured
+from handbench.bench.stages.image import configured
 from handbench.bench.validation.benchmarks import inspect_benchmark, inspect_scene
 from handbench.bench.validation.captures import inspect_capture, inspect_photos
 from handbench.bench.validation.checks import CHANNELS, MAP, MESH, result_warnings

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.dense import LOWEST_COSINE, ViewDepth
-from handbench.support.files import read_npz, write_npz
-from handbench.support.limits import KEPT_BYTES
+from handbench.support.files import KEPT_BYTES, read_npz, write_npz
 
 AGREEING = 3  # views that must agree on a point
 FEW_VIEWS = 5  # where no more views than these could see a point, two suffice

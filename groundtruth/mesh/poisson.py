@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 from handbench.groundtruth.dense.fusion import Cloud
 from handbench.groundtruth.dense.volume import Plane
 from handbench.support.errors import HandbenchError
+from handbench.support.points import mean_by, voxels
 from handbench.support.progress import say
 from handbench.support.rays import TriangleMesh, load_open3d
-from handbench.support.voxels import mean_by, voxels
 
 VOXEL_PX = 1.0
 NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0

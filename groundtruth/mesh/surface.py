@@ -17,8 +17,7 @@ import numpy as np
 from handbench.calibration.transforms import LARGEST_M, Transform
 from handbench.groundtruth.mesh.ply import by_axis, read_ply, write_ply
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_bytes, require_file
-from handbench.support.limits import MESH_BYTES
+from handbench.support.files import MESH_BYTES, read_bytes, require_file
 from handbench.support.rays import TriangleMesh, load_open3d
 
 VELOCITY = ("vx", "vy", "vz")  # properties of a PLY file's vertices, metres per second

@@ -11,8 +11,8 @@ from handbench.calibration.transforms import umeyama
 from handbench.groundtruth.board import Board
 from handbench.groundtruth.cameras import Camera, camera_in, pycolmap, registered_images
 from handbench.groundtruth.markers import Corners
-from handbench.support.consensus import MAJORITY, nearest_majority
 from handbench.support.errors import HandbenchError
+from handbench.support.points import MAJORITY, nearest_majority
 
 TRIM = 4.0  # points beyond this many times the median residual are left out of the fit
 # a majority is used if its median residual is smaller by this factor

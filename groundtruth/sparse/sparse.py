@@ -19,8 +19,7 @@ from handbench.groundtruth.sparse.frame import Scale, apply, board_from_model, p
 from handbench.groundtruth.sparse.inputs import Known
 from handbench.groundtruth.sparse.sfm import structure_from_motion, triangulate_known_poses
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json, read_npz, write_json, write_npz
-from handbench.support.limits import KEPT_BYTES
+from handbench.support.files import KEPT_BYTES, read_json, read_npz, write_json, write_npz
 from handbench.support.progress import say
 
 SCALE, COVARIANCE = "scale.json", "covariance.npz"

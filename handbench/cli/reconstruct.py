@@ -7,7 +7,7 @@ import numpy as np
 
 # The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.image import configured, prepare
+from handbench.bench.stages.image import configured, prepare
 from handbench.bench.validation.checks import CHANNELS, MAP, on_target, warnings_of
 from handbench.cli.options import free, set_values
 from handbench.radar.data.capture import RadarCapture

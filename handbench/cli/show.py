@@ -11,8 +11,7 @@ import tomlkit
 from matplotlib.figure import Figure
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.pipeline.view import view
-from handbench.bench.results.maps import SurfaceMap
+from handbench.bench.results.maps import SurfaceMap, view
 from handbench.bench.scenes.stand import stand_board
 from handbench.calibration.target import Target, default_target
 from handbench.cli.options import free

@@ -14,8 +14,14 @@ import pydantic
 from pydantic_core import PydanticCustomError
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import one_form, read_parsed
-from handbench.support.limits import LONG_KEY, NAME_BYTES, TOML_BYTES, require_shallow
+from handbench.support.files import (
+    LONG_KEY,
+    NAME_BYTES,
+    TOML_BYTES,
+    one_form,
+    read_parsed,
+    require_shallow,
+)
 
 ConfigT = TypeVar("ConfigT", bound="Config")
 SMALLEST = 1e-30  # of a number's size

@@ -1,4 +1,8 @@
-"""Reading and writing of files, such that a crash, a full disk or a malicious file does no harm."""
+"""Reading and writing of files, such that a crash, a full disk or a malicious file does no harm.
+
+An untrusted file is refused by the limits below before it costs seconds or gigabytes. Each is far
+above the needs of handbench's own files and of those of other supported programs (docs/files.md).
+"""
 
 import errno
 import fcntl
@@ -22,13 +26,38 @@ from typing import IO, Any, TypeVar
 import numpy as np
 from numpy.lib import format as npy
 
-from handbench.support import limits
 from handbench.support.errors import HandbenchError
 
 T = TypeVar("T")
 UNCHANGED = "nothing was changed; free space on the disk, or choose another place"
 NAMED = 40  # characters of a name, with which that of its temporary folder begins
 TOKEN = 6  # random bytes at its end
+MB = 2**20
+TOML_BYTES = MB // 4
+JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
+TABLE_BYTES = 64 * MB  # of measured samples as text
+TOUCHSTONE_BYTES = 8 * MB  # 50,000 tones of two ports
+# of a benchmark's table or record: a thousand captures, nine methods, three references
+RESULT_BYTES = 256 * MB
+RAW_JSON_BYTES = 64 * MB  # of MAROON's, which hold more than is read
+# a frame of MAROON has 19, of 96 × 96 × 128 numbers; each file of COLMAP's
+PICKLE_BYTES = MODEL_BYTES = 256 * MB
+ARRAY_BYTES = 256 * MB  # unpacked, of what is read from one archive
+KEPT_BYTES = 4096 * MB  # of one that a run keeps for itself
+MESH_BYTES = PICTURE_BYTES = 1024 * MB
+DEEPEST = 32  # lists and tables within each other
+MOST_VALUES = 200_000  # of a JSON file: checking them against a configuration takes a kB each
+RESULT_VALUES = 800_000  # of a benchmark's record
+RAW_VALUES = 2_000_000  # of a JSON file that is checked against nothing
+MOST_TABLES = 1000  # captures, and methods, that a benchmark names: each is opened
+# what the name of no file and no path has: too many bytes, or a zero
+UNFIT = re.compile(rb"[^/]{256}|.{1001}|\0", re.DOTALL)
+NAME_BYTES = 100  # of a capture's or a method's: names of files have both
+MOST_CELLS = 16_000_000  # of a CSV file
+MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hundred
+MOST_MEMBERS = 1000  # of an archive
+# tomllib is quadratic
+LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")
 
 
 @contextmanager
@@ -225,7 +254,7 @@ def real(folder: Path, name: str, where: str) -> Path:
     files.
     where: file or key that has the name, with which the message begins. A file is also found if its
     name differs only in its Unicode form. Raises HandbenchError for a name that is too long."""
-    if limits.UNFIT.search(name.encode("utf-8", "replace")):
+    if UNFIT.search(name.encode("utf-8", "replace")):
         raise HandbenchError(
             f"{where}: '{name[:80]}…' cannot be the name of a file; use a shorter name"
         )
@@ -249,7 +278,7 @@ def write_json(path: str | Path, content: Any) -> None:
 
 
 def read_json(
-    path: str | Path, what: str, most: int = limits.MOST_VALUES, most_bytes: int = limits.JSON_BYTES
+    path: str | Path, what: str, most: int = MOST_VALUES, most_bytes: int = JSON_BYTES
 ) -> Any:
     """Return the content of a JSON file.
     what: the expected file, for the message. Raises HandbenchError for a missing or broken file,
@@ -257,13 +286,24 @@ def read_json(
     return read_parsed(path, what, "JSON", lambda text: plain_json(text, most), most_bytes)
 
 
-def plain_json(text: str, most: int = limits.MOST_VALUES) -> Any:
+def plain_json(text: str, most: int = MOST_VALUES) -> Any:
     """Return the values in a JSON text. Raises ValueError for text that is invalid, too deeply
     nested, has a key twice or more than `most` values (for some deep nesting RecursionError)."""
     # before they are made: a value takes a byte here, 60 in memory
     if sum(map(text.count, "[{,")) > most:
         raise ValueError(f"it has more than {most} values")
-    return limits.require_shallow(json.loads(text, object_pairs_hook=_once))
+    return require_shallow(json.loads(text, object_pairs_hook=_once))
+
+
+def require_shallow(values: Any, levels: int = DEEPEST) -> Any:
+    """Return `values` (plain values in lists and mappings) unchanged. Raises ValueError if they are
+    nested deeper than so many levels."""
+    if levels < 0:
+        raise ValueError(f"its values are nested deeper than {DEEPEST} levels")
+    parts = values.values() if isinstance(values, dict) else values
+    for part in parts if isinstance(values, dict | list) else ():
+        require_shallow(part, levels - 1)
+    return values
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -287,7 +327,7 @@ def read_npz(
     path: str | Path,
     names: tuple[str, ...],
     optional: tuple[str, ...] = (),
-    most: int = limits.ARRAY_BYTES,
+    most: int = ARRAY_BYTES,
 ) -> dict[str, np.ndarray]:
     """Return arrays of an .npz file: name → array, for all of `names`, and for those of `optional`
     that the file has.
@@ -296,8 +336,8 @@ def read_npz(
     content = read_bytes(path, "an .npz file", most)
     try:
         # zipfile reads its list of them before it can be asked
-        if content.count(b"PK\1\2") > limits.MOST_MEMBERS:
-            raise ValueError(f"it has more than {limits.MOST_MEMBERS} arrays")
+        if content.count(b"PK\1\2") > MOST_MEMBERS:
+            raise ValueError(f"it has more than {MOST_MEMBERS} arrays")
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             there = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             if missing := [name for name in names if name not in there]:

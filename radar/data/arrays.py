@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_parsed
-from handbench.support.limits import CSV_BYTES
+from handbench.support.files import CSV_BYTES, read_parsed
 
 MOST_ANTENNAS = 2000  # of one file; 2000 × 2000 channels take 32 MB a tone
 SPEED_OF_LIGHT_M_S = 299_792_458.0

@@ -17,8 +17,7 @@ from handbench.radar.data.capture import RadarCapture, as_complex64, to_capture
 from handbench.radar.data.hdf5 import attribute, read
 from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, plain_json, require_file
-from handbench.support.limits import JSON_BYTES
+from handbench.support.files import JSON_BYTES, atomic_path, plain_json, require_file
 
 HEADERS_BYTES = 2**13  # size of the file's headers, at least
 CONVENTIONS = {"units": "m, Hz, m/s", "frame": "x left, y up, z away", "time": "+jwt"}

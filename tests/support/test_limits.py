@@ -12,7 +12,7 @@ from handbench.groundtruth.pictures import open_picture
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.support import limits
+from handbench.support import files
 from handbench.support.config import read_toml
 from handbench.support.files import read_bytes, read_json, read_npz, write_npz
 from tests.refusals import refuse
@@ -37,11 +37,11 @@ def antennas(count):
 @pytest.mark.parametrize(
     ("read", "right", "wrong"),
     [
-        (read_lists, lists(limits.DEEPEST - 1), lists(limits.DEEPEST + 1)),
-        (read_keys, f"a = {lists(limits.DEEPEST - 1)}", f"a = {lists(limits.DEEPEST + 1)}"),
+        (read_lists, lists(files.DEEPEST - 1), lists(files.DEEPEST + 1)),
+        (read_keys, f"a = {lists(files.DEEPEST - 1)}", f"a = {lists(files.DEEPEST + 1)}"),
         (read_lists, f"[{'0,' * 199_999}0]", f"[{'0,' * 200_000}0]"),
         (read_keys, ".".join("a" * 20) + " = 1", ".".join("a" * 33) + " = 1"),
-        (read_keys, "#", "#" * (limits.TOML_BYTES + 1)),
+        (read_keys, "#", "#" * (files.TOML_BYTES + 1)),
         (load_positions, antennas(2000), antennas(2001)),
     ],
     ids=["nested JSON", "nested TOML", "values", "key", "bytes", "antennas"],
@@ -56,12 +56,12 @@ def test_a_text_at_the_limit_is_read_and_one_beyond_is_refused(tmp_path, read, r
 def test_an_archive_has_so_many_members(tmp_path):
     write_npz(tmp_path / "a.npz", x=np.arange(3))
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
-        for k in range(limits.MOST_MEMBERS - 1):
+        for k in range(files.MOST_MEMBERS - 1):
             archive.writestr(f"m{k}", b"")
     assert read_npz(tmp_path / "a.npz", ("x",))["x"].tolist() == [0, 1, 2]
     with zipfile.ZipFile(tmp_path / "a.npz", "a") as archive:
         archive.writestr("one more", b"")
-    refuse(lambda: read_npz(tmp_path / "a.npz", ("x",)), "a.npz", str(limits.MOST_MEMBERS))
+    refuse(lambda: read_npz(tmp_path / "a.npz", ("x",)), "a.npz", str(files.MOST_MEMBERS))
 
 
 @pytest.mark.parametrize("size, fits", [(64, True), (2**26, False)])

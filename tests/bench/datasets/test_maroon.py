@@ -15,8 +15,8 @@ from handbench.bench.datasets.maroon import MESHES, eroded
 from handbench.bench.datasets.maroon_alignment import KEY, load_alignment
 from handbench.bench.datasets.maroon_frame import KEYS, read_numbers
 from handbench.bench.datasets.native import NativeCapture
-from handbench.bench.pipeline.image import configuration
-from handbench.bench.pipeline.score import reference_of_file
+from handbench.bench.evaluation.score import reference_of_file
+from handbench.bench.stages.image import configuration
 from handbench.bench.stages.reconstruct import Imager
 from handbench.groundtruth.mesh.surface import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50

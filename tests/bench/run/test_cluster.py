@@ -11,8 +11,8 @@ from contextlib import nullcontext
 import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
-from handbench.bench.run import executors
-from handbench.bench.run.executors import DaskExecutor, elsewhere
+from handbench.bench.run import engine
+from handbench.bench.run.engine import DaskExecutor, elsewhere
 from handbench.bench.run.runner import run
 from tests.bench.run.faults import figures
 from tests.bench.run.stages_of_tests import engine_of, stages_of
@@ -70,31 +70,31 @@ def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "tcp://127.0.0.1:1", "nonsense://x"])
 def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
     """Another server, which takes the connection and never answers; no server; no address."""
-    monkeypatch.setattr(executors, "CONNECT_S", 0.1)
+    monkeypatch.setattr(engine, "CONNECT_S", 0.1)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = address.format(silent.getsockname()[1])
-        refuse(executors.executor(1, address).__enter__, "--scheduler", f"'{address}'")
+        refuse(engine.executor(1, address).__enter__, "--scheduler", f"'{address}'")
 
 
 def test_a_scheduler_without_workers_is_named(capsys):
     none = {"processes": False, "n_workers": 0, "dashboard_address": ":0"}
     with distributed.LocalCluster(**none) as cluster:
         address = cluster.scheduler_address
-        with executors.executor(1, address):
+        with engine.executor(1, address):
             assert f"dask worker {address}" in capsys.readouterr().err
 
 
 def test_a_cluster_needs_its_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    refuse(executors.executor(1, "tcp://x").__enter__, "--scheduler", "handbench[cluster]")
+    refuse(engine.executor(1, "tcp://x").__enter__, "--scheduler", "handbench[cluster]")
 
 
 def test_a_scheduler_that_is_lost_is_named_and_a_file_s_error_stays(monkeypatch):
-    monkeypatch.setattr(executors, "_workers", lambda _: {"tcp://127.0.0.1:2": {}})
+    monkeypatch.setattr(engine, "_workers", lambda _: {"tcp://127.0.0.1:2": {}})
     monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
 
     def lose(error: BaseException) -> None:
-        with executors.executor(1, "tcp://127.0.0.1:1"):
+        with engine.executor(1, "tcp://127.0.0.1:1"):
             raise error
 
     for lost in (CancelledError(), OSError("closed")):

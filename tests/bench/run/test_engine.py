@@ -15,11 +15,11 @@ from tempfile import gettempdir
 import psutil
 import pytest
 
-from handbench.bench.run import executors
-from handbench.bench.run.executors import DaskExecutor, ProcessExecutor
+from handbench.bench.run import engine
+from handbench.bench.run.engine import DaskExecutor, ProcessExecutor
 from handbench.support.files import read_json
-from handbench.support.folder import locked
 from handbench.support.parallel import workers
+from handbench.support.store import locked
 from tests.bench.run.stages_of_tests import SPAN, engine_of, stages_of
 from tests.refusals import refuse
 
@@ -88,15 +88,15 @@ def test_chains_overlap_and_each_keeps_its_order(beside, tmp_path):
 
 
 def test_one_chain_or_too_little_memory_starts_no_process(monkeypatch):
-    assert executors.process_count(1) == 1
-    monkeypatch.setattr(executors, "STAGE_BYTES", 1e18)
-    with executors.executor(executors.process_count(2)) as none:
+    assert engine.process_count(1) == 1
+    monkeypatch.setattr(engine, "STAGE_BYTES", 1e18)
+    with engine.executor(engine.process_count(2)) as none:
         assert none is None
 
 
 def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path):
     def end() -> None:
-        with executors.executor(2) as processes:
+        with engine.executor(2) as processes:
             engine_of(tmp_path / "work", processes).perform(stages_of("a", "deadly"))
 
     refuse(end, "HANDBENCH_WORKERS=1")
@@ -105,7 +105,7 @@ def test_a_process_ended_by_the_system_says_how_to_resume(tmp_path):
 def _endless(root: Path) -> None:
     # ignored where a shell started the tests in background
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    with locked(root) as work, executors.executor(COUNT) as processes:
+    with locked(root) as work, engine.executor(COUNT) as processes:
         engine_of(work, processes).perform(stages_of("endless", "endless"))
 
 

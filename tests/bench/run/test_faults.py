@@ -16,7 +16,7 @@ from handbench.groundtruth.mesh.surface import load_open3d, write_mesh
 from handbench.radar.data.arrays import AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.support.folder import MARKER, locked
+from handbench.support.store import MARKER, locked
 from tests.bench.run.faults import content, execute, figures, files_of_at_most, instant
 from tests.refusals import refuse, refuse_command
 

@@ -8,8 +8,7 @@ import pytest
 
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, content_hash
-from handbench.support.folder import MARKER, drop, locked
-from handbench.support.store import cached
+from handbench.support.store import MARKER, cached, drop, locked
 from tests.bench.run.faults import content
 from tests.bench.run.stages_of_tests import stages_of
 from tests.refusals import refuse

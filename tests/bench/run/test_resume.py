@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.run import executors
+from handbench.bench.run import engine
 from handbench.bench.stages.calibrate import REGISTRATION
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.pipeline import CLOUD, MESH, VIEW
@@ -52,7 +52,7 @@ def photographed(recorded, small_bench, undoubted, monkeypatch) -> Path:
 def test_a_run_killed_after_a_stage_goes_on_there(
     photographed, small_result, monkeypatch, tmp_path
 ):
-    cached, out = executors.cached, tmp_path / "out"
+    cached, out = engine.cached, tmp_path / "out"
 
     def end(root, stage):
         made = cached(root, stage)
@@ -61,7 +61,7 @@ def test_a_run_killed_after_a_stage_goes_on_there(
         return made
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(executors, "cached", end)
+        patch.setattr(engine, "cached", end)
         execute(photographed, out)
     assert not (out / "result.json").exists()
     (out / "work" / ".reconstruct-abc-half").mkdir()  # what a kill inside a stage leaves behind

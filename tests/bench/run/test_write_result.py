@@ -14,8 +14,7 @@ from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
 from handbench.bench.results.about import MEASURES, Failure
 from handbench.bench.results.maps import depth_path
-from handbench.bench.run.captures import RunCapture
-from handbench.bench.run.common import common_subset
+from handbench.bench.run.captures import RunCapture, common_subset
 from handbench.bench.run.engine import Engine
 from handbench.bench.run.runner import by_pair
 from handbench.bench.run.write_result import Imaged, RunOutcome, write

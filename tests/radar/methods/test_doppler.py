@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from handbench.bench.pipeline.image import image
+from handbench.bench.stages.image import image
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.evidence import require_evidence

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.bench.pipeline.image import image, prepare
+from handbench.bench.stages.image import image, prepare
 from handbench.bench.validation.checks import CHANNELS, warnings_of
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture

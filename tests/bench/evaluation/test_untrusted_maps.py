@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.bench.pipeline.score import score
+from handbench.bench.evaluation.score import score
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
 from tests.refusals import refuse, refuse_command
