@@ -48,7 +48,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
 
         return Depth(load_depthmap(path))
     if path.suffix == ".json":
-        from handbench.bench.datasets.maroon_alignment import load_any_transform
+        from handbench.bench.datasets.dataset import load_any_transform
 
         return load_any_transform(path)
     if path.suffix.lower() in MESHES:
@@ -322,7 +322,7 @@ class Depth(Delegating, Plottable):
         Raises:
             HandbenchError: there is no mesh, or no transform for the capture's own mesh.
         """
-        from handbench.bench.datasets.maroon_alignment import load_any_transform
+        from handbench.bench.datasets.dataset import load_any_transform
         from handbench.bench.evaluation import scoring_protocols
         from handbench.bench.evaluation.score import reference_of_surface, score
         from handbench.groundtruth.mesh.surface import read_surface

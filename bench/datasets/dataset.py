@@ -1,12 +1,19 @@
-"""One way to open captures of any data set: the files in a folder decide which class reads it."""
+"""One way to open captures and transforms of any data set: the files in a folder decide which class
+reads it."""
 
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from handbench.bench.datasets.mapped_capture import MappedCapture
-from handbench.bench.datasets.maroon import METADATA, REGISTRATIONS, MaroonCapture
+from handbench.bench.datasets.mapping import MappedCapture
+from handbench.bench.datasets.maroon import (
+    ALIGNMENT,
+    METADATA,
+    REGISTRATIONS,
+    MaroonCapture,
+    load_alignment,
+)
 from handbench.bench.datasets.native import (
     DESCRIPTION,
     ECHOES,
@@ -21,6 +28,7 @@ from handbench.bench.datasets.native import (
 )
 from handbench.bench.datasets.ti import import_ti_raw
 from handbench.bench.datasets.touchstone import import_touchstone
+from handbench.calibration.transforms import Transform, identity, load_transform
 from handbench.groundtruth.mesh.surface import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.support.config import suggest
@@ -142,6 +150,19 @@ def _below(folder: Path, depth: int = DEPTH) -> list[Path]:
         if depth and inner.is_dir() and not inner.name.startswith((".", REGISTRATIONS))
         for capture in _below(inner, depth - 1)
     ]
+
+
+def load_any_transform(file: Path | None) -> Transform:
+    """Read a transform to the radar frame from a file in handbench's format or, if the file is
+    named alignment.json, in MAROON's.
+
+    file: None returns the identity, for points that are in the radar frame already. Raises
+    HandbenchError for a file in neither format.
+    """
+    if file is None:
+        return identity("radar")
+    transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
+    return transform.require(transform.source, "radar", file)
 
 
 # names of the files of an imported capture

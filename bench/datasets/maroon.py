@@ -6,37 +6,55 @@ One object at one distance is a capture.
                 radar_72.0_82.0_128/calibrated_data/  000000.npy  000000_emptyfiltered.npy …
                 photogrammetry/  mesh.obj  mesh_masked.obj  rgb/ …
 
-MAROON's radar frame is handbench's with x negated, or equal to it if the matrix in alignment.json
-has no reflection (`bench.datasets.maroon_alignment`). Boxes are converted here, transforms there;
-the antennas need no conversion.
+MAROON's code uses a left-handed radar frame (x to the right, y up, z away), so that p_handbench =
+diag(−1, 1, 1) p_maroon, and the matrix of `alignment.json` from the right-handed photogrammetry
+contains a reflection. Without one, the radar frame is taken to be handbench's already. Under each
+key `SOURCE2DEST`, this file has a 4×4 matrix, row by row, that maps columns [p, 1], metres. Boxes
+and transforms are converted here; the antennas need no conversion.
+
+A radar frame is a numpy file with a pickled dictionary, read without running any code in it. The
+echoes `xr`, by MAROON's public code, are [receiver, transmitter, frequency] of 96 × 96 antennas.
+Antennas 1 to 94 of both are used; these are `radar.data.arrays.qar50` in its order. MAROON images
+them by Σ xr·e^{+j2πfτ}, so an echo is e^{−j2πfτ}, as in handbench, and nothing is conjugated. Pairs
+of antennas that the radar could not use may be zero, and stay zero.
+
+A pickle is a program that may call any function that it can name. Here it can name numpy's arrays,
+types and scalars only, and gets a description in place of each; the numbers are then made from the
+bytes in the descriptions, so that no array is larger than its file. Python's own unpickler is used,
+because the one in C reserves as much memory as a number in the file says.
 """
 
+import pickle
+import pickletools
 import re
 from dataclasses import dataclass
 from functools import cached_property
+from io import BytesIO
+from itertools import islice
+from operator import index
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AliasPath, Field
 
-from handbench.bench.datasets.maroon_alignment import (
-    ALIGNMENT,
-    KEY,
-    is_mirrored,
-    load_alignment,
-    load_matrix,
-    load_part,
-)
-from handbench.bench.datasets.maroon_frame import read_frame
 from handbench.bench.datasets.native import EMPTY_FILTERED, CaptureFile, NativeCapture
-from handbench.calibration.transforms import Transform
+from handbench.calibration.transforms import Matrix, Transform
 from handbench.radar.data.arrays import qar50
-from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.capture import RadarCapture, as_complex64
 from handbench.radar.data.depthmap import DepthMap
-from handbench.support.config import Config, parse
+from handbench.support.config import Config, ConfigT, parse
 from handbench.support.errors import HandbenchError
-from handbench.support.files import content_hash, inside
+from handbench.support.files import (
+    MOST_STEPS,
+    PICKLE_BYTES,
+    RAW_JSON_BYTES,
+    RAW_VALUES,
+    content_hash,
+    inside,
+    read_bytes,
+    read_json,
+)
 from handbench.support.progress import say
 
 FRAMES, METADATA, VOLUMES = "calibrated_data", "metadata.json", "calibration.json"
@@ -55,6 +73,18 @@ PROJECTIONS = ("broadband", "narrowband")
 FEWEST_PX = 10  # an erosion that leaves no more than these is tried again with a smaller kernel
 # the radar's kernel is this many times smaller than metadata.json's `mask_erosion`
 RADAR_KERNEL = 4
+ALIGNMENT, KEY = "alignment.json", "photogrammetry2radar"
+# largest element by which a matrix may miss its rotation: without a message, and at all
+ROUNDING, TOO_CROOKED = (1e-6, 1e-3)
+MIRROR_X = np.diag([-1.0, 1.0, 1.0, 1.0])
+ANTENNAS, USED = 96, slice(1, 95)
+KEYS = ("fvec", "xr")
+WHAT = f"a radar frame of MAROON (a pickled dictionary with numbers {' and '.join(KEYS)})"
+CORES = ("numpy.core.multiarray", "numpy._core.multiarray")  # before numpy 2, and since
+NAMES = {
+    *(("numpy", "dtype"), ("numpy", "ndarray")),
+    *((core, name) for core in CORES for name in ("_reconstruct", "scalar")),
+}
 
 Point = tuple[float, float, float]
 Count = Annotated[int, Field(ge=1)]
@@ -86,6 +116,12 @@ class Volumes(Config, extra="ignore"):
     """The used part of a radar's `calibration.json`: the volume of the first frame."""
 
     volume: Volume | None = Field(default=None, validation_alias=AliasPath("000000", "volume"))
+
+
+class Alignment(Config, extra="ignore"):
+    """The used part of an `alignment.json`."""
+
+    photogrammetry2radar: Matrix
 
 
 @dataclass(frozen=True)
@@ -287,3 +323,121 @@ def eroded(mask: np.ndarray, pixels: int) -> np.ndarray:
         if np.count_nonzero(smaller) > FEWEST_PX:
             return smaller[::-1, ::-1]
     return mask.astype(bool)
+
+
+def load_part(model: type[ConfigT], path: Path) -> ConfigT:
+    """Read the used part of one of MAROON's JSON files, which also hold intermediate data. Raises
+    HandbenchError for a file that is missing or too large, or has wrong values."""
+    content = read_json(path, f"MAROON's {path.name}", RAW_VALUES, RAW_JSON_BYTES)
+    return parse(model, content, str(path))
+
+
+def load_alignment(path: Path) -> Transform:
+    """Read the transform from the frame of the photographs to handbench's radar frame from an
+    alignment.json. It has no covariance.
+
+    The matrix is replaced by the nearest rotation (polar decomposition) times the mean stretch, and
+    a small change is printed. Raises HandbenchError unless the matrix is a finite 4×4 similarity.
+    """
+    matrix = load_matrix(path)
+    if is_mirrored(matrix):
+        matrix = MIRROR_X @ matrix
+    u, stretch, vt = np.linalg.svd(matrix[:3, :3])
+    scale, straight = float(stretch.mean()), np.eye(4)
+    straight[:3, :3], straight[:3, 3] = scale * (u @ vt), matrix[:3, 3]
+    crooked = float(np.abs(matrix - straight).max())
+    if crooked >= TOO_CROOKED * scale:
+        raise HandbenchError(
+            f"{path}: '{KEY}' differs by {crooked:.2g} from a rotation with one scale; expected "
+            f"less than {TOO_CROOKED:g} in any element; download the file again, or correct it"
+        )
+    if crooked > ROUNDING:
+        say(
+            f"{path}: '{KEY}' differs by {crooked:.1e} from a rotation, so the nearest rotation "
+            "is used"
+        )
+    return Transform("photo", "radar", straight)
+
+
+def is_mirrored(matrix: np.ndarray) -> bool:
+    """Tell whether x of the radar frame of an alignment.json's matrix is opposite to handbench's:
+    whether the matrix contains a reflection."""
+    return bool(np.linalg.det(matrix[:3, :3]) < 0)
+
+
+def load_matrix(path: Path) -> np.ndarray:
+    """Read the matrix [4, 4] of an alignment.json. Raises HandbenchError for other numbers."""
+    return np.reshape(load_part(Alignment, path).photogrammetry2radar, (4, 4))
+
+
+def read_frame(file: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Read a radar frame of MAROON from its file `calibrated_data/NNNNNN.npy`, and bring its axes
+    into handbench's order: samples [f, tx, rx], complex64, and their frequencies [f], Hz. Raises
+    HandbenchError for any other file."""
+    fvec, xr = read_numbers(file)
+    expected = ANTENNAS, ANTENNAS, fvec.size
+    if xr.shape != expected:
+        raise HandbenchError(f"{file}: 'xr' is {xr.shape}; expected {expected} [rx, tx, f]")
+    return as_complex64(xr[USED, USED].transpose(2, 1, 0)), fvec.ravel()
+
+
+def read_numbers(path: Path) -> list[np.ndarray]:
+    """Read the numbers under KEYS in the dictionary of a pickled .npy file, without calling any
+    function that the file names. Raises HandbenchError for a file without them."""
+    content = read_bytes(path, WHAT, PICKLE_BYTES)
+    try:
+        stream = BytesIO(content)
+        np.lib.format.read_magic(stream)
+        np.lib.format.read_array_header_1_0(stream)
+        start = stream.tell()
+        if any(islice(pickletools.genops(stream), MOST_STEPS, None)):
+            raise ValueError("its pickle has too many steps")
+        stream.seek(start)
+        [held] = _Unpickler(stream).load().state[-1]
+        return [_array(held[key]) for key in KEYS]
+    except Exception as error:  # broken pickles raise whatever the opcode at hand stumbles over
+        reason = str(error)[:200] if isinstance(error, ValueError) else "its pickle is damaged"
+        raise HandbenchError(
+            f"{path}: was not read ({reason}); expected {WHAT}; download it again"
+        ) from error
+
+
+class _Described:
+    """One of numpy's objects as a pickle describes it: the arguments of the function that makes it,
+    and its state."""
+
+    def __init__(self, *arguments: Any) -> None:
+        self.arguments, self.state = arguments, ()
+
+    def __setstate__(self, state: Any) -> None:
+        self.state = state
+
+
+class _Unpickler(pickle._Unpickler):
+    """An unpickler that knows numpy's arrays, types and scalars only."""
+
+    def find_class(self, module: str, name: str) -> type[_Described]:
+        if (module, name) not in NAMES:
+            raise ValueError(f"it uses {module}.{name}, which is not allowed")
+        return _Described
+
+    def load_reduce(self: Any) -> None:
+        """Describe the object that the topmost two of the stack, a function and its arguments,
+        make. Python's error for others would print them, which a few bytes can make endless."""
+        arguments, function = self.stack.pop(), self.stack.pop()
+        if function is not _Described or not isinstance(arguments, tuple):
+            raise ValueError("it calls something else than numpy's functions")
+        self.stack.append(_Described(*arguments))
+
+    dispatch = pickle._Unpickler.dispatch | {pickle.REDUCE[0]: load_reduce}
+
+
+def _array(value: Any) -> np.ndarray:
+    """Make the array that a pickle describes. Raises an error if it is not one of numbers, or if
+    its bytes do not have its shape."""
+    _, shape, dtype, by_column, content = value.state
+    number = np.dtype("".join((dtype.state[1], dtype.arguments[0])))  # such as "<" and "c8"
+    if number.kind not in "iufc":
+        raise ValueError("it has an array of other objects than numbers")
+    numbers = np.frombuffer(content, number)
+    return numbers.reshape(tuple(map(index, shape)), order="F" if by_column else "C")

@@ -20,13 +20,13 @@ from handbench.bench.datasets.native import (
 from handbench.bench.stages.image import configured, require_near
 from handbench.bench.validation.checks import (
     CHANNELS,
+    Report,
     lengths,
     missing_frames,
     size,
     transform_warnings,
     warnings_of,
 )
-from handbench.bench.validation.report import Report
 from handbench.calibration.target import load_target
 from handbench.groundtruth.board import Board, load_board
 from handbench.groundtruth.camera_files import cameras_of

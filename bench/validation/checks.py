@@ -1,13 +1,14 @@
 """Checks of data that can be read without error, but are likely to be wrong: each yields sentences
-with the likely mistake and its remedy.
+with the likely mistake and its remedy. A `Report` collects them, and what cannot be read.
 
 The checks of one kind of thing are a tuple of functions. None needs an image; capture_warnings.py
-and mistakes.py have those that do.
+has those that do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from handbench.radar.methods.evidence import (
     lost_problems,
     pair_problems,
 )
+from handbench.support.errors import HandbenchError, printable
 
 if TYPE_CHECKING:
     from handbench.bench.results.result_folder import Result
@@ -44,6 +46,7 @@ FARTHEST_MM = 50.0  # mean error of what may still be an image
 CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
 
 Thing = TypeVar("Thing")
+Read = TypeVar("Read")
 
 
 def warnings_of(thing: Thing, checks: Sequence[Callable[[Thing], Iterator[str]]]) -> Iterator[str]:
@@ -227,3 +230,40 @@ def on_target(depth: DepthMap) -> str:
 def places_m(capture: RadarCapture) -> np.ndarray:
     """Return the positions [n, 3] of all antennas of a capture, metres."""
     return np.concatenate([leg.position_m for leg in capture.aperture.legs])
+
+
+class Report:
+    """The problems and warnings of an input. lines: text → whether it is only a warning, in the
+    order in which they were found. notes: what the input can show, which is no mistake."""
+
+    def __init__(self) -> None:
+        self.lines: dict[str, bool] = {}
+        self.notes: list[str] = []
+
+    def read(self, place: Path | str, reader: Callable[[], Read]) -> Read | None:
+        """Call `reader` and return its result. If it raises a HandbenchError, add all problems in
+        it, and return None. place: the file or folder that is read."""
+        try:
+            return reader()
+        except HandbenchError as error:
+            self.refuse(place, *error.problems)
+            return None
+
+    def refuse(self, place: Path | str, *problems: str) -> None:
+        """Add problems of a file or folder, with which a run would fail."""
+        for text in problems:
+            named = text.startswith((f"{printable(str(place))}: ", f"{place}/"))
+            self.lines[text if named else f"{place}: {text}"] = False
+
+    def warn(self, place: Path, warnings: Iterable[str]) -> None:
+        """Add warnings about a file or folder."""
+        for text in warnings:
+            self.lines[f"{place}: warning: {text}"] = True
+
+    def check(
+        self, place: Path, thing: Read | None, checks: Sequence[Callable[[Read], Iterator[str]]]
+    ) -> None:
+        """Add the warnings of checks of a thing that was read from a file or folder (None: it could
+        not be read)."""
+        if thing is not None:
+            self.warn(place, warnings_of(thing, checks))

@@ -5,8 +5,7 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.maroon_alignment import load_any_transform
+from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.bench.stages.calibrate import calibrate_array, calibrate_captures
 from handbench.calibration.array_file import with_calibration

@@ -13,7 +13,7 @@ def run(options: argparse.Namespace) -> None:
     """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal or
     with --table, otherwise as JSON, with their definitions only if --json asks for it.
     Warnings are printed first, on stderr."""
-    from handbench.bench.datasets.maroon_alignment import load_any_transform
+    from handbench.bench.datasets.dataset import load_any_transform
     from handbench.bench.evaluation.metrics import definitions
     from handbench.bench.validation.checks import MAP, figure_warnings, warnings_of
     from handbench.interface import Capture, Depth

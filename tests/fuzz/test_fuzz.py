@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from handbench.bench.datasets.maroon_alignment import load_any_transform
+from handbench.bench.datasets.dataset import load_any_transform
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.calibration.target import load_target
 from handbench.groundtruth.board import load_board

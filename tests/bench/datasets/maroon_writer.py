@@ -5,9 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from handbench.bench.datasets.maroon import FRAMES, MESHES, METADATA, PHOTOGRAMMETRY, VOLUMES
-from handbench.bench.datasets.maroon_alignment import ALIGNMENT, KEY, MIRROR_X
-from handbench.bench.datasets.maroon_frame import ANTENNAS, USED
+from handbench.bench.datasets.maroon import (
+    ALIGNMENT,
+    ANTENNAS,
+    FRAMES,
+    KEY,
+    MESHES,
+    METADATA,
+    MIRROR_X,
+    PHOTOGRAMMETRY,
+    USED,
+    VOLUMES,
+)
 from handbench.radar.data.arrays import qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.simulation.forward import Scatterers, simulate

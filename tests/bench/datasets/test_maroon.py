@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
 from handbench.bench.datasets.dataset import import_capture, open_capture
-from handbench.bench.datasets.maroon import MESHES, eroded
-from handbench.bench.datasets.maroon_alignment import KEY, load_alignment
-from handbench.bench.datasets.maroon_frame import KEYS, read_numbers
+from handbench.bench.datasets.maroon import KEY, KEYS, MESHES, eroded, load_alignment, read_numbers
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation.score import reference_of_file
 from handbench.bench.stages.image import configuration

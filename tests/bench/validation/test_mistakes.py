@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from handbench.bench.validation.capture_warnings import conjugation_warnings, step_warnings
 from handbench.bench.validation.checks import MAP, warnings_of
 from handbench.bench.validation.inspection import inspect
-from handbench.bench.validation.mistakes import conjugation_warnings, step_warnings
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.surface import mesh, write_mesh
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
