@@ -20,8 +20,7 @@ import matplotlib
 import pandas as pd
 from matplotlib.figure import Figure
 
-from handbench.bench.evaluation.equal_treatment import COMMON
-from handbench.bench.evaluation.metrics import HEADLINE, chosen
+from handbench.bench.evaluation.metrics import COMMON, HEADLINE, chosen
 from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures.depth_maps import depth_maps
 from handbench.reports.figures.style import STYLE, save

@@ -1,12 +1,25 @@
-"""Pixelwise comparison of a depth map with a reference surface: errors along z, and distances
-between the two surfaces."""
+"""Comparison of a depth map with a reference surface: errors along z, distances between the two
+surfaces, errors of radial velocities, σ of both; and the scatter of depths over repeated frames.
+"""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from handbench.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    from handbench.groundtruth.mesh.depth import Reference
+    from handbench.radar.data.depthmap import DepthMap
+
+BAND = 1.96  # standard deviations that contain 95 % of a normal error
+NOMINAL_PERCENT = (50, 68, 80, 90, 95, 99)
+PARTS = ("mesh", "registration")  # of a reference's uncertainty
 
 
 @dataclass(frozen=True)
@@ -148,3 +161,89 @@ def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap
     return ErrorMap(
         np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), deviation_m, deviation_m
     )
+
+
+def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
+    """Return the depth [n], metres, of the strongest scatterer in each repeated frame, from which
+    the precision is computed.
+    z_m, amplitude [n, ny, nx]: depths, metres, and linear amplitudes. The same pixel is used in all
+    frames: of the pixels observed in every frame, the one with the largest mean amplitude. (The
+    strongest pixel of each frame could jump between glints of nearly equal strength; the distance
+    between these would then be measured.) NaN if there is no such pixel."""
+    steady = np.isfinite(z_m).all(axis=0) & ~np.isnan(amplitude).any(axis=0)
+    if not steady.any():
+        return np.full(len(z_m), np.nan)
+    strongest = np.argmax(np.where(steady, amplitude.mean(axis=0), -np.inf))
+    return z_m.reshape(len(z_m), -1)[:, strongest]
+
+
+class VelocityErrors(NamedTuple):
+    """Errors of radial velocities at the n compared pixels, m/s. within [n]: 1 for an error inside
+    the map's own 95 % interval, 0 for another; beyond [n]: 1 for a true velocity beyond the map's
+    unambiguous one; both NaN if the map does not say."""
+
+    error_m_s: np.ndarray
+    within: np.ndarray
+    beyond: np.ndarray
+
+
+def velocity_errors(
+    depth: DepthMap, scored: np.ndarray, reference: Reference
+) -> VelocityErrors | None:
+    """Compare a depth map's radial velocities with those of a surface; None if either has none.
+    scored [ny, nx]: the pixels with a scored depth; those where map and reference have a velocity
+    are compared."""
+    if depth.velocity_m_s is None or reference.velocity_m_s is None:
+        return None
+    at = scored & np.isfinite(depth.velocity_m_s) & np.isfinite(reference.velocity_m_s)
+    true_m_s = reference.velocity_m_s[at]
+    error_m_s = depth.velocity_m_s[at].astype(np.float64) - true_m_s
+    unknown = np.full(len(error_m_s), np.nan)
+    sigma_m_s, limit_m_s = depth.velocity_sigma_m_s, depth.velocity_limit_m_s
+    return VelocityErrors(
+        error_m_s,
+        unknown if sigma_m_s is None else np.abs(error_m_s) <= BAND * sigma_m_s[at],
+        unknown if limit_m_s is None else np.abs(true_m_s) > limit_m_s,
+    )
+
+
+def mean_speed_m_s(reference: Reference) -> float | None:
+    """Return the mean |radial velocity| of a reference's surface, metres per second; None if it is
+    unknown."""
+    if reference.velocity_m_s is None or not np.isfinite(reference.velocity_m_s).any():
+        return None
+    return float(np.nanmean(np.abs(reference.velocity_m_s)))
+
+
+def coverage_percent(depth: DepthMap, errors: ErrorMap) -> dict[int, float]:
+    """Return the share of a map's errors inside the central normal intervals about its depths:
+    nominal → observed, percent. σ of the map and, where known, of the reference are added in
+    quadrature. Empty if the map has no σ, or no pixel with an error and a σ above 0."""
+    if depth.sigma_m is None:
+        return {}
+    reference_m = 0.0 if errors.sigma_m is None else np.nan_to_num(errors.sigma_m)
+    sigma_m = np.hypot(depth.sigma_m, reference_m)
+    usable = np.isfinite(errors.error_m) & np.isfinite(sigma_m) & (sigma_m > 0)
+    if not usable.any():
+        return {}
+    deviations = np.abs(errors.error_m[usable]) / sigma_m[usable]
+    reaches = {p: NormalDist().inv_cdf(0.5 + p / 200) for p in NOMINAL_PERCENT}
+    return {p: 100 * float(np.mean(deviations <= reach)) for p, reach in reaches.items()}
+
+
+def budget(reference: Reference) -> dict[str, float | list[str] | None]:
+    """Return the uncertainty of a reference by source: mesh_mm, registration_mm and together_mm.
+    Each is the root mean square, mm, of σ along z over the pixels of the reference. It is None if
+    unknown, and the unknown sources are then listed under "unknown"."""
+    surface = np.isfinite(reference.z_m)
+    sigmas_m = (reference.mesh_sigma_m, reference.registration_sigma_m, reference.sigma_m)
+    named = zip((*PARTS, "together"), sigmas_m, strict=True)
+    parts = {f"{name}_mm": _rms_mm(sigma_m[surface]) for name, sigma_m in named}
+    unknown = [name for name in PARTS if parts[f"{name}_mm"] is None]
+    return {**parts, **({"unknown": unknown} if unknown else {})}
+
+
+def _rms_mm(sigma_m: np.ndarray) -> float | None:
+    if not len(sigma_m) or not np.isfinite(sigma_m).all():
+        return None
+    return float(1e3 * np.sqrt((sigma_m**2).mean()))

@@ -26,16 +26,23 @@ from handbench.bench.evaluation.combine import (
     pooled_max,
     total,
 )
-from handbench.bench.evaluation.depth_errors import ErrorMap, Pixels
-from handbench.bench.evaluation.intervals import Interval, mean_interval, precision_interval
-from handbench.bench.evaluation.repeats import deviation, precision_mm, relative_precision_percent
-from handbench.bench.evaluation.velocity_errors import BAND, VelocityErrors
+from handbench.bench.evaluation.depth_errors import BAND, ErrorMap, Pixels, VelocityErrors
+from handbench.bench.evaluation.intervals import (
+    Interval,
+    deviation,
+    mean_interval,
+    precision_interval,
+    precision_mm,
+    relative_precision_percent,
+)
 
 Values = dict[str, float | int | None]  # metric → figure in its unit, None if undefined
 Better = Literal["lower", "higher", "zero"]
 HEADLINE = "mae_mm"  # the metric that titles, pictures and fronts speak of
 F_MM = (1, 2, 5)  # thresholds of accuracy, completeness and F-score
 NORMAL_MEAN = float(np.sqrt(2 / np.pi))  # mean of |e| over σ, for a normal e
+COMMON = "common_percent"  # the only metric that exists under equal treatment alone
+TREATMENTS = {"none": "unsmoothed", "window": "all averaged over 5 × 5"}  # equal ones, in words
 
 
 METRICS: dict[str, Metric] = {}  # in the order of the tables
@@ -102,6 +109,12 @@ def figures(errors: ErrorMap, velocities: VelocityErrors | None = None, place: s
         key: (value if isinstance(value, int) else float(value)) if np.isfinite(value) else None
         for key, value in values.items()
     }
+
+
+def on_common_pixels(metric: str) -> str:
+    """Return the end of a metric's title under equal treatment: " on common pixels" for a metric of
+    the pixels that all methods observe, "" for another."""
+    return "" if metric == COMMON else " on common pixels"
 
 
 def share_right(mm: float, pixels: Callable[[Pixels], np.float64]) -> Callable[[Pixels], Any]:

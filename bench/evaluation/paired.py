@@ -1,5 +1,7 @@
-"""Statistical tests in which each capture counts as one value: of two methods on the same captures,
-and of one method on different captures."""
+"""Comparison of methods. Equal treatment: on the pixels that all methods observe, with the same
+smoothing, because much of an error depends on thresholds and filters. Statistical tests in which
+each capture counts as one value: of two methods on the same captures, and of one method on
+different captures."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -9,13 +11,55 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from handbench.bench.evaluation.equal_treatment import TREATMENTS, on_common_pixels
-from handbench.bench.evaluation.intervals import FEWEST, TAILS, counted, mean_interval
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS
-from handbench.bench.evaluation.repeats import deviation, mean_deviation
+from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.intervals import (
+    FEWEST,
+    TAILS,
+    counted,
+    deviation,
+    mean_deviation,
+    mean_interval,
+)
+from handbench.bench.evaluation.metrics import (
+    COMMON,
+    HEADLINE,
+    METRICS,
+    TREATMENTS,
+    Values,
+    figures,
+    on_common_pixels,
+)
 from handbench.bench.evaluation.tables import COMPARISONS, LEVEL, conform, each
 
+FEWEST_PERCENT = 1.0  # of the surface; with fewer a method would decide the others' common pixels
 ROUNDING = 1e-9  # of the figures: smaller scatter and smaller differences are roundings
+
+
+def taking_part(maps: Mapping[str, np.ndarray], reference_z_m: np.ndarray) -> dict[str, np.ndarray]:
+    """Select the methods that observe at least 1 % of the surface (FEWEST_PERCENT).
+    maps: method → its depths [ny, nx], metres, NaN where there is none, on the pixel grid of the
+    reference; reference_z_m [ny, nx]: depths of the surface, metres, NaN where there is none."""
+    surface = np.isfinite(reference_z_m)
+    fewest = FEWEST_PERCENT / 100 * surface.sum()
+    return {m: z_m for m, z_m in maps.items() if (np.isfinite(z_m) & surface).sum() >= fewest}
+
+
+def treated_figures(maps: Mapping[str, np.ndarray], reference_z_m: np.ndarray) -> dict[str, Values]:
+    """Compute the figures of every method on one capture, under one equal treatment (same smoothing
+    for all methods): method → metric → value.
+    maps: method → its depths [ny, nx], metres, all on the pixel grid of the reference;
+    reference_z_m [ny, nx]: depths of the surface, metres. Errors count only on the pixels that all
+    methods observe."""
+    common = np.isfinite([reference_z_m, *maps.values()]).all(axis=0)
+    surface = np.isfinite(reference_z_m).sum()
+    y, x = (np.arange(n, dtype=float) for n in common.shape)
+    found = {}
+    for method, z_m in maps.items():
+        error_m = np.where(common, z_m - reference_z_m, np.nan)
+        values = figures(ErrorMap(x, y, error_m, reference_z_m), place="common")
+        values[COMMON] = 100 * float(common.sum() / surface) if surface else None
+        found[method] = values
+    return found
 
 
 class Difference(NamedTuple):

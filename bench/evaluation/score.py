@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.datasets.native import NativeCapture
-from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
+from handbench.bench.evaluation.depth_errors import ErrorMap, error_map, velocity_errors
 from handbench.bench.evaluation.metrics import Values, figures
 from handbench.bench.evaluation.scoring_protocols import PAPER, Protocol
-from handbench.bench.evaluation.velocity_errors import velocity_errors
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.depth import Reference, reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface, read_surface

@@ -1,18 +1,26 @@
 """Scoring protocols (scoring_protocols.toml): which pixels of a depth map are scored, against which
-reference, and by which figures.
+reference, and by which figures; and the main table of a result, which has these figures.
 
 Every result records the name and version of its protocol. Figures of different protocols or
 versions cannot be compared.
 """
 
+from __future__ import annotations
+
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from handbench.bench.evaluation.combine import MethodScores
 from handbench.bench.evaluation.metrics import METRICS
+from handbench.bench.evaluation.tables import TABLE, frame
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
+
+if TYPE_CHECKING:
+    import numpy as np
+    import pandas as pd
 
 # surfaces to score against; completed: by the truth, where photogrammetry has no surface
 REFERENCES = ("photogrammetry", "completed", "truth")
@@ -68,3 +76,30 @@ def protocol(name: str) -> Protocol:
     if name not in PROTOCOLS:
         raise HandbenchError(f"protocol: unknown '{name}'; {suggest(name, list(PROTOCOLS))}")
     return PROTOCOLS[name]
+
+
+def main_table(
+    scores: pd.DataFrame, protocol: Protocol, seed: int, with_paper: bool
+) -> pd.DataFrame:
+    """Compute the main table (TABLE) from the table of scores (SCORES): the figures of each method,
+    for one reference after the other.
+    scores: only the captures and methods of the table, in their order. protocol: which metrics are
+    shown. seed: of bootstrap intervals. with_paper: False leaves the column `paper` empty."""
+    rows: list[tuple[object, ...]] = []
+    own = scores[scores.treatment == ""]
+    for reference in REFERENCES:
+        lines = own[own.reference.isin((reference, ""))]
+        captures: dict[Any, np.ndarray] = lines.groupby("metric").capture.unique().to_dict()
+        for method in lines.method[lines.reference == reference].unique():
+            of_method: dict[Any, pd.DataFrame] = dict(
+                iter(lines[lines.method == method].groupby("metric"))
+            )
+            method_scores = MethodScores(of_method, captures, seed)
+            for metric in (m for m in METRICS.values() if m.key in protocol.metrics):
+                figure = metric.combine(metric, method_scores)
+                if figure is not None:
+                    value, interval = figure
+                    paper = metric.paper.get(method) if with_paper else None
+                    ends = interval or (None, None)
+                    rows.append((metric.key, method, value, *ends, metric.unit, paper, reference))
+    return frame(TABLE, rows)

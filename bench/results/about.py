@@ -8,8 +8,6 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from handbench.bench.evaluation.equal_treatment import TREATMENTS as TREATMENTS
-from handbench.bench.evaluation.equal_treatment import on_common_pixels as on_common_pixels
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.radar.methods.registry import titles as titles

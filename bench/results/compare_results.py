@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.combine import STRONGEST
-from handbench.bench.evaluation.intervals import FEWEST, counted, note
+from handbench.bench.evaluation.intervals import FEWEST, counted, note, precision_mm
 from handbench.bench.evaluation.metrics import METRICS, chosen
 from handbench.bench.evaluation.paired import (
     Difference,
@@ -34,7 +34,6 @@ from handbench.bench.evaluation.paired import (
     paired_test,
     welch_test,
 )
-from handbench.bench.evaluation.repeats import precision_mm
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, LEVEL, conform, frame
 from handbench.bench.results.derived import compared_metrics

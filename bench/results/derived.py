@@ -10,13 +10,11 @@ import numpy as np
 import pandas as pd
 
 from handbench.bench.evaluation.combine import STRONGEST
-from handbench.bench.evaluation.equal_treatment import FEWEST_PERCENT
-from handbench.bench.evaluation.metrics import HEADLINE, METRICS
-from handbench.bench.evaluation.paired import compare
-from handbench.bench.evaluation.reliability import coverage_percent
+from handbench.bench.evaluation.depth_errors import coverage_percent
+from handbench.bench.evaluation.metrics import HEADLINE, METRICS, TREATMENTS
+from handbench.bench.evaluation.paired import FEWEST_PERCENT, compare
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.evaluation.tables import COMPARISONS, conform, frame
-from handbench.bench.evaluation.treatments import SMOOTHING
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.maps import depth_path
 from handbench.radar.data.depthmap import load_depthmap
@@ -62,7 +60,7 @@ def treated_scores(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> pd
     of_reference = scores.reference == fullest_reference(captures)
     lines = scores[of_reference & (scores.treatment != "")]
     counts = lines[["capture", "treatment", "method"]].drop_duplicates().method.value_counts()
-    everywhere = counts.index[counts == len(captures) * len(SMOOTHING)]
+    everywhere = counts.index[counts == len(captures) * len(TREATMENTS)]
     return lines[lines.method.isin(everywhere if len(everywhere) > 1 else ())]
 
 
@@ -106,7 +104,9 @@ def equal(scores: pd.DataFrame, captures: Sequence[CaptureFacts]) -> pd.DataFram
     groups = dict(iter(lines.groupby(columns[:3]).value))
     rows = [
         (*key, of.mean(), *(metric.interval(of) or (np.nan, np.nan)), metric.unit, reference)
-        for treatment, method, metric in product(SMOOTHING, lines.method.unique(), METRICS.values())
+        for treatment, method, metric in product(
+            TREATMENTS, lines.method.unique(), METRICS.values()
+        )
         if (of := groups.get(key := (metric.key, treatment, method))) is not None
     ]
     return pd.DataFrame(rows, columns=columns)
@@ -125,7 +125,7 @@ def comparisons(
     treated = treated_scores(scores, captures)
     wanted = [
         *product([scores], REFERENCES, [""], compared_metrics(protocol)),
-        *product([treated], [fullest_reference(captures)], SMOOTHING, [HEADLINE]),
+        *product([treated], [fullest_reference(captures)], TREATMENTS, [HEADLINE]),
     ]
     tables = [frame(COMPARISONS)]
     for lines, reference, treatment, metric in wanted:

@@ -15,9 +15,8 @@ from handbench.bench.benchmarks.benchmark_file import BenchFile, MethodEntry
 from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.bench.evaluation.combine import PER_PIXEL, STRONGEST
 from handbench.bench.evaluation.intervals import note
-from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import figures
-from handbench.bench.evaluation.scoring_protocols import protocol
+from handbench.bench.evaluation.scoring_protocols import main_table, protocol
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame, read
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.derived import few_pixels

@@ -12,9 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map
-from handbench.bench.evaluation.repeats import strongest_scatterer_z_m
-from handbench.bench.evaluation.treatments import SMOOTHING
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, strongest_scatterer_z_m
 from handbench.bench.stages.image import configuration, prepare, required_frames
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -35,6 +33,8 @@ TREATED = "treated.npz"
 VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
 REPEATED_S = 0.5  # for how long the imaging is repeated for its time
+WINDOW_PX = 5  # of the averaging filter that all methods are given under equal treatment
+SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
 FILTER = "filter_px"  # setting of methods that smooth their depths
 DROP = "drop_doubtful"  # setting of methods that can leave pixels out as uncertain
 
@@ -43,8 +43,6 @@ SOURCES = (
     "bench/stages/reconstruct.py",
     "bench/datasets",
     "bench/evaluation/depth_errors.py",
-    "bench/evaluation/repeats.py",
-    "bench/evaluation/treatments.py",
     "bench/stages/image.py",
     "calibration",
     "groundtruth/mesh",

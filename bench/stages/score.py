@@ -16,15 +16,17 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation import scoring_protocols
-from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
-from handbench.bench.evaluation.floor import budget
-from handbench.bench.evaluation.metrics import Values, figures
+from handbench.bench.evaluation.depth_errors import (
+    ErrorMap,
+    budget,
+    mean_speed_m_s,
+    velocity_errors,
+)
+from handbench.bench.evaluation.metrics import TREATMENTS, Values, figures
+from handbench.bench.evaluation.paired import taking_part, treated_figures
 from handbench.bench.evaluation.score import reference_of_file, score, scored_z_m
 from handbench.bench.evaluation.scoring_protocols import Protocol
 from handbench.bench.evaluation.tables import SCORES, frame, write
-from handbench.bench.evaluation.treatments import SMOOTHING
-from handbench.bench.evaluation.velocity_errors import mean_speed_m_s, velocity_errors
 from handbench.bench.results.derived import SPEED, START, STEP
 from handbench.bench.results.maps import SurfaceMap, write_errors, write_surface
 from handbench.bench.stages.reconstruct import read_frames, read_times, read_treated
@@ -104,7 +106,7 @@ def score_capture(
         if grids[method] == first and (depths := read_treated(Path(file).parent))
     }
     for reference, surface in surfaces[first].items():
-        for treatment in SMOOTHING:
+        for treatment in TREATMENTS:
             depths = {method: of[treatment] for method, of in treated.items()}
             equal = treated_figures(taking_part(depths, surface.z_m), surface.z_m)
             scores += [

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark
-from handbench.bench.evaluation.repeats import precision_mm
+from handbench.bench.evaluation.intervals import precision_mm
 from handbench.bench.scenes.build import Scene, build
 from handbench.bench.scenes.echoes import echoes
 from handbench.bench.scenes.scene_file import SceneFile

@@ -19,11 +19,14 @@ from handbench.groundtruth.board import Board
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
 from handbench.radar.data.capture import range_profile
-from handbench.reports.drawings.board_drawing import board_sheet
-from handbench.reports.drawings.sheets import STYLE
-from handbench.reports.drawings.target_drawing import target_sheet
+from handbench.reports.figures.inputs import (
+    PRINTED,
+    SHARES,
+    board_sheet,
+    echoes_figure,
+    target_sheet,
+)
 from handbench.reports.figures.layers import depth_layers, layers_figure
-from handbench.reports.figures.recordings import SHARES, echoes_figure
 from handbench.reports.figures.style import save
 from handbench.reports.page.scene3d import page
 from handbench.support.config import parse, read_toml
@@ -83,9 +86,9 @@ def _draw(path: Path, out: Path) -> None:
     if out.suffix.lower() == ".toml":
         write_text(out, tomlkit.dumps(values))
     elif "element" in values:
-        save(target_sheet(parse(Target, values, str(path)), f"Target {title}"), out, STYLE)
+        save(target_sheet(parse(Target, values, str(path)), f"Target {title}"), out, PRINTED)
     else:
-        save(board_sheet(parse(Board, values, str(path)), f"Board {title}"), out, STYLE)
+        save(board_sheet(parse(Board, values, str(path)), f"Board {title}"), out, PRINTED)
 
 
 @np.errstate(divide="ignore", invalid="ignore")  # of channels without any echo

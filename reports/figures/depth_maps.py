@@ -1,28 +1,46 @@
-"""Figures of depth maps and error maps, as seen from the array, so that x grows to the left."""
+"""Figures of depth maps and error maps, as seen from the array, so that x grows to the left; and
+films of a sequence of frames: depth and radial velocity side by side, as GIF."""
 
+import io
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.results.about import CaptureFacts
-from handbench.bench.results.maps import SurfaceMap
+from handbench.bench.results.maps import Frames, SurfaceMap
 from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.layers import (
     SIGNED,
     Layer,
     depth_layer,
+    depth_layers,
     depth_scale,
     error_layer,
+    layers_figure,
     sheet,
 )
-from handbench.reports.figures.references import drawn_references, floor_note
-from handbench.reports.figures.style import STYLE, Picture, methods, styled, time_text
+from handbench.reports.figures.style import (
+    STYLE,
+    Picture,
+    drawn_references,
+    image_bytes,
+    methods,
+    styled,
+    time_text,
+)
+from handbench.reports.tables.rounding import figure as rounded
 from handbench.reports.tables.table import AGAINST
 
 COLOURS = f"{SIGNED}. Line: outline of the reference."
+MOST_FRAMES = 48  # of a film; a longer sequence is shown at evenly spaced frames
+PAUSE_MS = 100  # per frame: slow enough to read its number
+DPI = 130
 
 
 def panels(result: Result, capture: CaptureFacts) -> Iterator[Picture]:
@@ -74,6 +92,21 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     )
 
 
+def floor_note(result: Result) -> str:
+    """Return a sentence on the ground-truth floor for the captions of error maps. The floor is the
+    mean error that a perfect radar would show, because the reference itself has errors.
+    For each reference surface it gives the largest floor of all methods, mm. The sentence begins
+    with a blank; "" if no floor is above zero."""
+    floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
+    texts = [
+        f"{rounded(floors[reference], unit='mm')} mm against {reference}"
+        for reference in REFERENCES
+        if floors.get(reference, 0.0) > 0
+    ]
+    floor = f"Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar"
+    return f" {floor}: {', '.join(texts)}." if texts else ""
+
+
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
     """Draw a true surface and the depth maps of several methods in a row, with their signed errors
     below.
@@ -108,3 +141,30 @@ def _errors(result: Result, capture: CaptureFacts, reference: str) -> list[Layer
 def _text(errors: Sequence[Layer]) -> str:
     """Describe panels of errors for screen readers by their titles."""
     return "; ".join(layer.title.replace("\n", ": ") for layer in errors)
+
+
+def film(frames: Frames, title: str) -> bytes:
+    """Return a film of all frames as the bytes of a GIF: depth, and radial velocity in red away
+    from the array and blue towards it, on colour scales that all frames share."""
+    pictures = list(_pictures(frames, title))
+    # all have the colours of the first, in which the colour bars have every colour
+    palette = pictures[0].quantize(method=Image.Quantize.MAXCOVERAGE)
+    first, *others = (p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures)
+    stream = io.BytesIO()
+    first.save(stream, "GIF", save_all=True, append_images=others, duration=PAUSE_MS, loop=0)
+    return stream.getvalue()
+
+
+def _pictures(frames: Frames, title: str) -> Iterator[Image.Image]:
+    """Draw the frames of a film, at most MOST_FRAMES."""
+    count = len(frames.times_s)
+    layers = depth_layers(SurfaceMap(frames.x_m, frames.y_m, frames.z_m), vars(frames))
+    # shows what any frame shows, so that its axes suit them all
+    figure = layers_figure([replace(of, values=np.fmax.reduce(of.values)) for of in layers], title)
+    for n in np.unique(np.linspace(0, count - 1, min(count, MOST_FRAMES)).round().astype(int)):
+        time_ms = 1e3 * (frames.times_s[n] - frames.times_s[0])
+        for axis, layer in zip(figure.axes, layers, strict=False):  # colour bars have axes, too
+            axis.images[0].set_data(layer.values[n])
+        figure.suptitle(f"{title}: frame {n}, {time_ms:.0f} ms")
+        content = image_bytes(figure, style=STYLE | {"savefig.dpi": DPI})
+        yield Image.open(io.BytesIO(content)).convert("RGB")

@@ -1,9 +1,9 @@
-"""The common style of all pictures: fonts, colours and markers of the methods, charts with one
-legend, and image files."""
+"""What all pictures have in common: fonts, colours and markers of the methods, the references that
+are drawn, charts with one legend, and image files."""
 
 import io
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
 
+from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.result_folder import Result
 from handbench.reports.tables.rounding import figure as rounded
 from handbench.support.errors import HandbenchError, printable
@@ -73,6 +74,7 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
 )
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 FORMATS = (".png", ".pdf", ".svg")
+DRAWN = ("photogrammetry", "truth")  # references; the completed one is drawn in these two
 
 
 @dataclass(frozen=True)
@@ -131,6 +133,12 @@ def drawn_methods(titles: Mapping[str, str]) -> list[DrawnMethod]:
 def methods(result: Result) -> list[DrawnMethod]:
     """Return the methods of a result as its pictures show them, in its order."""
     return drawn_methods(result.about.method_titles)
+
+
+def drawn_references(captures: Iterable[CaptureFacts]) -> list[str]:
+    """Return the references that pictures show and against which one of the captures is scored."""
+    scored = {reference for capture in captures for reference in capture.references}
+    return [reference for reference in DRAWN if reference in scored]
 
 
 def charts(

@@ -1,4 +1,5 @@
-"""The report of a result: tables, figures and HTML pages, each of which needs no other files."""
+"""The report of a result: tables, figures and HTML pages, each of which needs no other files. And
+that of several: the report of each, and one page that shows all of their methods."""
 
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -11,21 +12,24 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
+from handbench.bench.evaluation.metrics import HEADLINE
+from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.result_folder import Result, load
 from handbench.reports.figures import plots
-from handbench.reports.figures.depth_maps import panels
-from handbench.reports.figures.film import film
+from handbench.reports.figures.depth_maps import film, panels
 from handbench.reports.figures.fronts import ranked_methods
 from handbench.reports.figures.layers import SIGNED
-from handbench.reports.figures.style import methods
+from handbench.reports.figures.style import DrawnMethod, methods
 from handbench.reports.page import rendering, scene3d, sections, summary
 from handbench.reports.page.rendering import Image, render
+from handbench.reports.tables.rounding import NONE, figure
 from handbench.reports.tables.table import (
     NOTE,
     Table,
     differences,
     every_figure,
+    main_lines,
     of_paper,
     settings,
 )
@@ -38,6 +42,8 @@ from handbench.support.progress import track
 ABREAST = 12  # captures on a page
 FIRST = "index.html"
 STILL_PX = 272  # height of a capture's picture beside its table
+PICTURES = 3  # captures of a result beside each of its methods, on the page of several results
+HEIGHT_PX = 160  # of their pictures
 
 
 @dataclass(frozen=True)
@@ -112,6 +118,35 @@ def build(folder: str | Path, out: str | Path) -> Path:
         ),
     )
     return out / FIRST
+
+
+def build_several(folders: Sequence[Path], out: Path) -> Path:
+    """Write the report of each result folder to `out`/report-1, report-2, …, and `out`/index.html
+    with a row for each result and method. Returns the path of index.html."""
+    results = [load(folder) for folder in folders]
+    rendering.begin(out)
+    rows = []
+    for number, result in enumerate(results, 1):
+        page = build(result.folder, out / f"report-{number}").relative_to(out)
+        rows += [(page, result.folder, *_cells(result, method)) for method in methods(result)]
+    text = render("several.html", rows=rows, metric=results[0].title(HEADLINE))
+    write_text(out / "index.html", text)
+    return out / "index.html"
+
+
+def _cells(result: Result, method: DrawnMethod) -> tuple[str, str, list[Image]]:
+    """Return the title of a method, its mean absolute error as text, and pictures of the result's
+    first captures in the colours of the method's errors."""
+    lines = main_lines(result, [HEADLINE])
+    line = next(each(lines[lines.method == method.name]), None)
+    error = f"{figure(line.value, line.low, line.high, line.unit)} {line.unit}" if line else NONE
+    pictures = []
+    for capture in result.scored()[:PICTURES]:
+        picture = scene3d.still(result, capture, method.name)
+        alt = f"Errors of {method.title} on capture {capture.name}, seen from the array."
+        shown = HEIGHT_PX / picture.height
+        pictures.append(rendering.image(picture, alt, capture.name, shown=shown))
+    return method.title, error, pictures
 
 
 def by_page(captures: Sequence[CaptureFacts]) -> dict[str, Sequence[CaptureFacts]]:

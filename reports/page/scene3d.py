@@ -14,8 +14,7 @@ from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.maps import SurfaceMap
 from handbench.bench.results.result_folder import Result
 from handbench.reports.figures import layers
-from handbench.reports.figures.references import drawn_references
-from handbench.reports.figures.style import methods
+from handbench.reports.figures.style import drawn_references, methods
 from handbench.reports.page.rendering import image, render
 from handbench.reports.tables.table import AGAINST
 from handbench.support.errors import HandbenchError

@@ -13,7 +13,7 @@ from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import CaptureFacts, MethodFacts
 from handbench.bench.results.result_folder import Result, best
-from handbench.reports.figures.references import drawn_references
+from handbench.reports.figures.style import drawn_references
 from handbench.reports.tables.rounding import figure
 from handbench.reports.tables.table import Table, figures, main_lines
 

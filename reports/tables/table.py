@@ -10,9 +10,8 @@ import pandas as pd
 from handbench.bench.evaluation.front import figures as front_figures
 from handbench.bench.evaluation.front import front, ranked
 from handbench.bench.evaluation.intervals import counted
-from handbench.bench.evaluation.metrics import METRICS, Values, chosen
+from handbench.bench.evaluation.metrics import METRICS, TREATMENTS, Values, chosen, on_common_pixels
 from handbench.bench.evaluation.tables import each
-from handbench.bench.results.about import TREATMENTS, on_common_pixels
 from handbench.bench.results.result_folder import Result, best
 from handbench.reports.tables.rounding import NONE, figure, is_known, number, p_text, paper, stacked
 

@@ -9,11 +9,20 @@ import numpy as np
 import pytest
 from flint import arb
 
-from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, error_map
-from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
+from handbench.bench.evaluation.depth_errors import (
+    ErrorMap,
+    deviation_map,
+    error_map,
+    strongest_scatterer_z_m,
+)
+from handbench.bench.evaluation.intervals import (
+    mean_interval,
+    median_interval,
+    precision_interval,
+    precision_mm,
+)
 from handbench.bench.evaluation.metrics import HEADLINE, METRICS, figures
 from handbench.bench.evaluation.paired import compare, f_test, holm_corrected, paired_test
-from handbench.bench.evaluation.repeats import precision_mm, strongest_scatterer_z_m
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import shown
 from tests.references.balls import U, balls, deviation, off, two_sided

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.equal_treatment import taking_part, treated_figures
+from handbench.bench.evaluation.paired import taking_part, treated_figures
 
 NAN = np.nan
 REFERENCE_M = np.array([[0.3, 0.3, 0.3], [0.3, 0.3, NAN]])

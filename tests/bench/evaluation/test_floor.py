@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.floor import budget
+from handbench.bench.evaluation.depth_errors import ErrorMap, budget
 from handbench.bench.evaluation.metrics import figures
 from handbench.calibration.transforms import Transform, perturbation_jacobian
 from handbench.groundtruth.mesh.depth import Reference

@@ -10,13 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from handbench.bench.evaluation.depth_errors import deviation_map, error_map
-from handbench.bench.evaluation.metrics import F_MM, METRICS, figures
-from handbench.bench.evaluation.repeats import (
-    precision_mm,
-    relative_precision_percent,
+from handbench.bench.evaluation.depth_errors import (
+    deviation_map,
+    error_map,
     strongest_scatterer_z_m,
 )
+from handbench.bench.evaluation.intervals import precision_mm, relative_precision_percent
+from handbench.bench.evaluation.metrics import F_MM, METRICS, figures
 from tests.refusals import refuse
 
 NAN = float("nan")

@@ -7,9 +7,8 @@ import pytest
 
 from handbench.bench.evaluation.combine import PER_PIXEL, STRONGEST
 from handbench.bench.evaluation.depth_errors import error_map
-from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import METRICS, figures
-from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, protocol
+from handbench.bench.evaluation.scoring_protocols import PROTOCOLS, main_table, protocol
 from handbench.bench.evaluation.tables import SCORES, frame
 from tests.refusals import refuse
 

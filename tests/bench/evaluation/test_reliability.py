@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.reliability import coverage_percent
+from handbench.bench.evaluation.depth_errors import ErrorMap, coverage_percent
 from handbench.radar.data.depthmap import DepthMap
 
 AXIS_M = 1e-3 * np.arange(100)

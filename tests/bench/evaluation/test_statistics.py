@@ -10,9 +10,8 @@ from scipy.special import erf
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
 from handbench.bench.evaluation.intervals import mean_interval, median_interval, precision_interval
-from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import METRICS, figures
-from handbench.bench.evaluation.scoring_protocols import PAPER
+from handbench.bench.evaluation.scoring_protocols import PAPER, main_table
 from handbench.bench.evaluation.tables import SCORES, frame
 
 AXIS_M = 2.5e-3 * np.arange(12)

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from handbench.bench.datasets.native import CaptureFile, save_capture_file
+from handbench.bench.evaluation.depth_errors import mean_speed_m_s
 from handbench.bench.evaluation.score import reference_of_file, score
 from handbench.bench.evaluation.tables import SCORES, read
-from handbench.bench.evaluation.velocity_errors import mean_speed_m_s
 from handbench.bench.stages.reconstruct import DEPTH, TIMING, write_frames
 from handbench.bench.stages.score import SCORED, score_capture
 from handbench.calibration.transforms import Transform, identity

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from handbench.bench.evaluation.depth_errors import ErrorMap, error_map
-from handbench.bench.evaluation.main_table import main_table
 from handbench.bench.evaluation.metrics import figures
-from handbench.bench.evaluation.scoring_protocols import PAPER
+from handbench.bench.evaluation.scoring_protocols import PAPER, main_table
 from handbench.bench.evaluation.tables import SCORES, TASKS, frame
 from handbench.bench.results.about import About, CaptureFacts, MethodFacts, metric_facts
 from handbench.bench.results.maps import SurfaceMap, write_surface

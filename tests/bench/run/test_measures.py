@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from handbench.bench.benchmarks.benchmark_file import load_benchmark, scene_of
-from handbench.bench.evaluation.repeats import precision_mm
+from handbench.bench.evaluation.intervals import precision_mm
 from handbench.bench.results.result_folder import load
 from handbench.radar.data.echoes_file import load_capture
 from tests.bench.run.faults import execute

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from handbench.bench.evaluation.treatments import WINDOW_PX
 from handbench.bench.results.maps import depth_path
 from handbench.bench.stages import reconstruct
 from handbench.bench.stages.reconstruct import (
     FRAMES,
     REPEATS,
+    WINDOW_PX,
     Imager,
     read_treated,
     repeat,

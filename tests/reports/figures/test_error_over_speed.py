@@ -6,7 +6,7 @@ import numpy as np
 
 from handbench.bench.evaluation.tables import SCORES, frame
 from handbench.bench.results.result_folder import load
-from handbench.reports.figures.motion import error_over_frames, errors_over_speed
+from handbench.reports.figures.plots import error_over_frames, errors_over_speed
 from tests.golden_files import RESULT
 
 SPEEDS_MM_S = {"B": 0.0, "F": 20.0, "U": 100.0, "V": 400.0, "W": None}  # None: unknown

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from handbench.bench.results.maps import frames_path, read_frames, write_frames
-from handbench.reports.figures.film import film
+from handbench.reports.figures.depth_maps import film
 from handbench.support.files import write_npz
 from tests.golden_files import RESULT
 from tests.refusals import refuse

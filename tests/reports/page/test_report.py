@@ -22,7 +22,7 @@ from handbench.bench.results.result_folder import load
 from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.layers import ERRORS
 from handbench.reports.figures.style import STYLE
-from handbench.reports.page import html, rendering, scene3d, sections, several, summary
+from handbench.reports.page import html, rendering, scene3d, sections, summary
 from handbench.support.files import read_json, write_json
 from tests.golden_files import RESULT, renamed
 from tests.refusals import refuse
@@ -84,7 +84,7 @@ def reports(tmp_path_factory):
         patch.setenv("HANDBENCH_WORKERS", "1")
         patch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
         patch.setattr(html, "_film", lambda *_: None)
-        return several.build([RESULT, RESULT], out)
+        return html.build_several([RESULT, RESULT], out)
 
 
 def test_a_report_shows_effects_and_failures_and_leaves_other_files(reports):

@@ -12,8 +12,7 @@ from handbench.bench.scenes.stand import stand_board
 from handbench.calibration.target import default_target, load_target
 from handbench.cli.main import main
 from handbench.groundtruth.board import Board, Charuco, Marker, load_board
-from handbench.reports.drawings.board_drawing import board_sheet
-from handbench.reports.drawings.sheets import INCH_MM, STYLE
+from handbench.reports.figures.inputs import INCH_MM, PRINTED, board_sheet
 from tests.refusals import refuse
 
 PIXELS_PER_MM = 8
@@ -97,7 +96,7 @@ def test_what_cannot_be_printed_is_refused(number, corners, places):
 
 def test_descriptions_are_written_and_drawn(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setitem(STYLE, "pdf.compression", 0)
+    monkeypatch.setitem(PRINTED, "pdf.compression", 0)
     for command in ("target -o target.toml", "stand -o board.toml"):
         assert main(["show", *command.split()]) == 0
     assert load_target("target.toml") == default_target()

@@ -7,8 +7,7 @@ import pytest
 from matplotlib.patches import Circle
 
 from handbench.calibration.target import default_target
-from handbench.reports.drawings.sheets import BAR_MM, INCH_MM, STYLE
-from handbench.reports.drawings.target_drawing import target_sheet
+from handbench.reports.figures.inputs import BAR_MM, INCH_MM, PRINTED, target_sheet
 from handbench.reports.figures.style import save
 
 
@@ -41,7 +40,7 @@ def test_the_scale_bar_and_the_page_of_the_pdf_are_true_to_scale(tmp_path):
     [bar] = figure.findobj(lambda artist: artist.get_gid() == "scale-bar")
     ends = bar.get_transform().transform(bar.get_xydata()) * INCH_MM / figure.dpi
     assert ends[1] - ends[0] == pytest.approx([BAR_MM, 0], abs=1e-6)
-    save(figure, tmp_path / "target.pdf", STYLE)
+    save(figure, tmp_path / "target.pdf", PRINTED)
     [page] = re.findall(rb"/MediaBox \[([^]]*)\]", (tmp_path / "target.pdf").read_bytes())
     size_mm = figure.get_size_inches() * INCH_MM
     assert np.array(page.split(), float)[2:] == pytest.approx(size_mm * 72 / INCH_MM)

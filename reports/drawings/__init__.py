@@ -1,1 +1,0 @@
-"""Drawings of boards and calibration targets, to print at true scale."""
