@@ -39,7 +39,7 @@ PLACES = ("{capture}", "{depth}")  # in a command: the folder to read, the file 
 EXAMPLE = "python mine.py {capture} {depth}"
 UNITS = (("_hz", 1e-9, "GHz"), ("_m", 1e3, "mm"), ("_px", 1, "px"))  # of swept values, in names
 ANTENNAS = "every_nth_antenna"
-MOST_VALUES = 30  # of one parameter of photogrammetry
+ADDED = ("capture", "dataset", "method")  # to those of the base
 
 Measures = Annotated[tuple[Measure, ...], Field(min_length=1)]
 Number = Annotated[int, Field(ge=1, le=MOST_PEOPLE)]
@@ -209,6 +209,11 @@ class BenchFile(Config):
 
     version: Literal[1]
     name: Name
+    base: str | None = Field(
+        default=None,
+        description="an installed benchmark: its captures, data sets and methods follow those of "
+        "the file, and its other keys hold where the file has none",
+    )
     seed: int = Field(default=0, ge=0, lt=2**31)
     repeats: int = Field(default=10, ge=2, le=1000, description="frames for the precision")
     frames: int = Field(
@@ -233,6 +238,27 @@ class BenchFile(Config):
     )
     capture: tuple[Source, ...] = Field(default=(), max_length=MOST_TABLES)
     method: tuple[MethodEntry, ...] = Field(min_length=1, max_length=MOST_TABLES)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _on_base(cls, own: Any) -> Any:
+        if not isinstance(own, dict) or own.get("base") is None:
+            return own
+        installed, name = embedded_benchmarks(), str(own["base"])
+        if name not in installed:
+            raise ValueError(
+                f"'base' is {name[:80]!r}; expected an installed benchmark; "
+                f"{suggest(name, list(installed))}"
+            )
+        # a paper's figures are those of its own captures
+        others = {"reproduces"} if own.keys() & {"capture", "dataset"} else set[str]()
+        base = load(cls, installed[name], "a benchmark description")
+        given = base.model_dump(exclude_unset=True, exclude={"version", "name"} | others)
+        for source in (*given["capture"], *given.get("calibration", ())):
+            source["scene"] = str(EMBEDDED / source["scene"])
+        lists = [key for key in ADDED if isinstance(own.get(key), list)]
+        added = {key: [*own[key], *given.get(key, ())] for key in lists}
+        return {**given, **own, **added, "base": None}
 
     @field_validator("calibration", mode="before")
     @classmethod

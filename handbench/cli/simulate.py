@@ -59,7 +59,7 @@ def _is_benchmark(path: Path) -> bool:
     a benchmark that is installed with handbench."""
     if not path.is_file():
         return str(path) in embedded_benchmarks()
-    return "method" in read_toml(path, "a scene or a benchmark")
+    return bool({"method", "base"} & read_toml(path, "a scene or a benchmark").keys())
 
 
 def show(rows: tuple[Choice, ...]) -> None:
