@@ -27,7 +27,7 @@ from handbench.calibration.target import Candidate, Target, match
 from handbench.calibration.transforms import umeyama
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from handbench.support.config import parse
 from handbench.support.errors import HandbenchError
 

@@ -26,11 +26,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.imaging.exact import exact_images, path_lengths
 from handbench.radar.imaging.steering import phasor
-from handbench.radar.simulation.physics.spheres import (
-    half_angle_cosine,
-    path_gradients,
-    sphere_echo,
-)
+from handbench.radar.simulation.spheres import half_angle_cosine, path_gradients, sphere_echo
 from handbench.support.errors import HandbenchError
 
 FARTHEST_M = 0.003  # largest distance of the fit from the first guess

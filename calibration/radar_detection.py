@@ -18,7 +18,7 @@ from handbench.radar.data.capture import RadarCapture, scaled_to_one, thin_anten
 from handbench.radar.data.grid import Axis, VoxelGrid
 from handbench.radar.imaging.api import image_volume
 from handbench.radar.imaging.exact import exact_images
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 
 SIDE = Axis(start_m=-0.15, stop_m=0.15, step_m=0.003)

@@ -28,7 +28,7 @@ from handbench.bench.scenes.people import MOST_PEOPLE
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.groundtruth.options import Quality
 from handbench.radar.methods.registry import method, titles
-from handbench.radar.simulation.causes import Noise
+from handbench.radar.simulation.scene import Noise
 from handbench.support.config import Config, Name, checked_name, load, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import MOST_TABLES, real, require_folder

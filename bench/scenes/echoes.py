@@ -7,15 +7,14 @@ import numpy as np
 
 from handbench.bench.scenes.bones import palmar
 from handbench.bench.scenes.build import Scene
+from handbench.bench.scenes.hand import SkinnedHand
 from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
-from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.bench.scenes.stand import PLATE_BOX_M, cuboid
 from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.ablation import explain
-from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.movement import frame_starts, surface_m, velocity_m_s
-from handbench.radar.simulation.scene import Ball, Body, Choice, EchoScene
-from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.catalogue import choose
+from handbench.radar.simulation.effects.motion import frame_starts, surface_m, velocity_m_s
+from handbench.radar.simulation.scene import Ball, Body, Choice, EchoScene, Roughness
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from handbench.support.files import inside
 

@@ -13,8 +13,7 @@ from handbench.bench.scenes.people import MOST_PEOPLE, Person, person, placement
 from handbench.calibration.transforms import Transform
 from handbench.radar.data.grid import Sweep
 from handbench.radar.simulation.catalogue import EFFECTS
-from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
-from handbench.radar.simulation.scene import Material
+from handbench.radar.simulation.scene import Material, Motion, Noise, Roughness, SensorFaults
 from handbench.support.config import Config, Name, Near, Tone, parse, suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside

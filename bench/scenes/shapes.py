@@ -1,5 +1,5 @@
-"""Closed meshes of targets with simple shapes (sphere, cylinder, plate and dihedral), in the
-target's frame, metres."""
+"""Closed meshes of targets with simple shapes (sphere, plate and dihedral), in the target's frame,
+metres."""
 
 import operator
 from functools import reduce
@@ -8,7 +8,7 @@ import numpy as np
 
 from handbench.bench.scenes.stand import cell_corners, cuboid
 from handbench.groundtruth.mesh.surface import mesh
-from handbench.radar.simulation.physics.facets import MOST_FACETS
+from handbench.radar.simulation.meshes import MOST_FACETS
 from handbench.support.errors import HandbenchError
 from handbench.support.rays import TriangleMesh, load_open3d
 
@@ -21,14 +21,6 @@ def sphere_mesh(radius_m: float, edge_m: float) -> TriangleMesh:
     _check_faces(4 * np.pi * radius_m**2, edge_m)
     resolution = max(8, int(np.ceil(np.pi * radius_m / edge_m)))
     return load_open3d().geometry.TriangleMesh.create_sphere(radius_m, resolution=resolution)
-
-
-def cylinder_mesh(radius_m: float, length_m: float, around: int, along: int) -> TriangleMesh:
-    """Make the mesh of a closed cylinder around the y axis, centred at the origin. around, along:
-    number of edges around the cylinder and along it."""
-    made = load_open3d().geometry.TriangleMesh.create_cylinder(radius_m, length_m, around, along)
-    # its axis is z
-    return mesh(np.asarray(made.vertices)[:, [1, 2, 0]], np.asarray(made.triangles))
 
 
 def plate_mesh(width_m: float, height_m: float, thickness_m: float, edge_m: float) -> TriangleMesh:

@@ -1,12 +1,17 @@
-"""The effects of simulated echoes, in the order in which they are applied."""
+"""The effects of simulated echoes, in the order in which they are applied; and their selection for
+a scene: a list of names, or "auto", which is every effect that the scene has a cause for."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
-from handbench.radar.simulation.physics.meshes import convex_block
-from handbench.radar.simulation.scene import EchoScene
+from handbench.radar.simulation.meshes import convex_block
+from handbench.radar.simulation.scene import Choice, EchoScene
+from handbench.support.config import suggest
+from handbench.support.errors import HandbenchError
+
+Wanted = tuple[str, ...] | Literal["auto"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ SHAPING: tuple[Effect, ...] = (
         "the integrand 2n·û of physical optics, see handbench.radar.simulation.forward",
         SURFACE,
         _has_surface,
-        "target_surface",
+        "surfaces",
     ),
     Effect(
         "shadow",
@@ -93,7 +98,7 @@ SHAPING: tuple[Effect, ...] = (
         "Kirchhoff's integral along outlines: Miyamoto & Wolf 1962",
         PARTS,
         _hides,
-        "target_surface",
+        "surfaces",
     ),
     Effect(
         "skin",
@@ -101,7 +106,7 @@ SHAPING: tuple[Effect, ...] = (
         "Gabriel et al. 1996 and Alekseev & Ziskin 2007",
         "a target of skin",
         lambda scene: scene.target is not None and scene.target.material.kind == "skin",
-        "materials",
+        "surfaces",
     ),
     Effect(
         "dielectric",
@@ -109,7 +114,7 @@ SHAPING: tuple[Effect, ...] = (
         "Fresnel at normal incidence, straight rays with (n − 1)·path",
         "a target of plastic, or balls in foam",
         _has_dielectric,
-        "materials",
+        "surfaces",
     ),
     Effect(
         "roughness",
@@ -117,7 +122,7 @@ SHAPING: tuple[Effect, ...] = (
         "random Fourier features of a Gaussian correlation; coherent loss exp(−2k²σ²): Ament 1953",
         "[target.roughness] with rms_m or layer_depth_m",
         lambda scene: scene.target is not None and scene.roughness.sigma_m > 0,
-        "target_surface",
+        "surfaces",
     ),
     Effect(
         "multipath",
@@ -151,7 +156,7 @@ RECORDING: tuple[Effect, ...] = (
         "physical optics of the room, cut out where the target stands before it",
         "[stand] with reflectivity_db",
         lambda scene: bool(scene.room),
-        "clutter",
+        "surfaces",
     ),
     Effect(
         "channels",
@@ -195,3 +200,36 @@ RECORDING: tuple[Effect, ...] = (
     ),
 )
 EFFECTS = SHAPING + RECORDING
+
+
+def choose(scene: EchoScene, wanted: Wanted) -> tuple[Choice, ...]:
+    """Choose the effects with which a scene is simulated: one row per effect, on or off, in the
+    order of application.
+
+    wanted: "auto", or the names of the effects. Raises HandbenchError for a wanted effect that is
+    unknown, listed twice, or whose cause the scene lacks.
+    """
+    rows, names = [], () if wanted == "auto" else check_names(wanted)
+    for effect in EFFECTS:
+        caused = bool(effect.cause(scene))
+        if effect.id in names and not caused:
+            raise HandbenchError(
+                f"effects: '{effect.id}' needs {effect.needs}; add this to the scene, or leave "
+                "the effect out"
+            )
+        on = caused if wanted == "auto" else effect.id in names
+        why = "has a cause" if wanted == "auto" else "listed"
+        off = "not listed" if caused else f"needs {effect.needs}"
+        rows.append(Choice(effect=effect.id, on=on, why=why if on else off))
+    return tuple(rows)
+
+
+def check_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names. Raises HandbenchError for one that is no effect or is listed twice."""
+    known = [effect.id for effect in EFFECTS]
+    for name in names:
+        if name not in known:
+            raise HandbenchError(f"effects: '{name}' is not an effect; {suggest(name, known)}")
+        if names.count(name) > 1:
+            raise HandbenchError(f"effects: '{name}' is listed twice; list it once")
+    return names

@@ -12,7 +12,7 @@ from handbench.calibration.array_file import ArrayCalibration, load_array
 from handbench.calibration.target import Target
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from handbench.support.config import parse
 from handbench.support.files import write_json
 from tests.refusals import refuse

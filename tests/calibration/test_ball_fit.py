@@ -10,7 +10,7 @@ from handbench.calibration.ball_fit import fit_balls
 from handbench.calibration.target import Candidate, Target
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from tests.calibration.test_balls import WHOLE, centres, noise
 from tests.calibration.test_balls import sphere_echo as specular_echo
 from tests.refusals import refuse

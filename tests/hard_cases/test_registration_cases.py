@@ -20,7 +20,7 @@ from handbench.calibration.optical_detection import find_spheres, fit_sphere
 from handbench.calibration.registration import GROSS
 from handbench.calibration.target import Candidate, Element, Target, default_target, match
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from handbench.support.errors import HandbenchError
 from tests.calibration.seen_target import align, candidates, cap
 from tests.hard_cases.scenes import capture, small_array

@@ -32,9 +32,8 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
 from handbench.radar.imaging.steering import cis_small, phasor, steered_differences
 from handbench.radar.imaging.tree import Box
-from handbench.radar.simulation.physics.line_of_sight import rays_of
-from handbench.radar.simulation.physics.meshes import face_vectors, quarters, unit, vertex_normals
-from handbench.radar.simulation.physics.reflection import echo_reflections, reflections
+from handbench.radar.simulation.meshes import face_vectors, quarters, unit, vertex_normals
+from handbench.radar.simulation.reflection import echo_reflections, reflections
 from handbench.radar.simulation.scene import Body
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.compiled import FAST, INNER, njit
@@ -67,7 +66,7 @@ class Bounces:
 
     def __init__(self, echoes: Echoes) -> None:
         scene, body = echoes.scene, echoes.scene.body
-        self._echoes, self._rays, self._surface = echoes, rays_of(scene, body), triangles_of(body)
+        self._echoes, self._rays, self._surface = echoes, scene.rays_of(body), triangles_of(body)
         self._flat_m2 = face_vectors(body.vertices_m, body.faces)
         self._layer = echoes.layers
         f, cosines = scene.frequencies_hz, np.maximum(np.linspace(0, 1, COSINES), 1e-6)

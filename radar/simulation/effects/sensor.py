@@ -9,8 +9,7 @@ from scipy.special import sici
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.exact import exact_images
 from handbench.radar.imaging.steering import phasor
-from handbench.radar.simulation.causes import Oscillator
-from handbench.radar.simulation.scene import generator
+from handbench.radar.simulation.scene import Oscillator, generator
 from handbench.radar.simulation.scene_echoes import Echoes
 from handbench.support.errors import HandbenchError
 

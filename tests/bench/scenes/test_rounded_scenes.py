@@ -9,9 +9,8 @@ from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echo_scene
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.simulation.catalogue import EFFECTS
+from handbench.radar.simulation.catalogue import EFFECTS, choose
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from handbench.support.config import parse
 from tests.radar.samples import relative_error

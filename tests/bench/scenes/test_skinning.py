@@ -6,11 +6,10 @@ import pytest
 from handbench.bench.scenes.bones import hand_from_palm
 from handbench.bench.scenes.build import build
 from handbench.bench.scenes.echoes import echo_scene, surfaces
-from handbench.bench.scenes.hand import hand_mesh
+from handbench.bench.scenes.hand import SkinnedHand, hand_mesh
 from handbench.bench.scenes.hand_pose import FingerPose, Pose, ThumbPose, WristPose, between
 from handbench.bench.scenes.people import MEAN, person
 from handbench.bench.scenes.scene_file import SceneFile
-from handbench.bench.scenes.skinning import SkinnedHand
 from handbench.support.config import parse
 from tests.bench.scenes.hand_field import hand_field
 

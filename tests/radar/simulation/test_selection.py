@@ -8,9 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from handbench.bench.scenes.stand import cuboid
-from handbench.radar.simulation.physics.meshes import convex_block
+from handbench.radar.simulation.catalogue import choose
+from handbench.radar.simulation.meshes import convex_block
 from handbench.radar.simulation.scene import Body, Material
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import dihedral, joined, plate, sheet

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.physics.spheres import sphere_echo
+from handbench.radar.simulation.spheres import sphere_echo
 from tests.references.exact.mie_series import CoatedSphere, sphere_echoes
 
 ANTENNAS_M = np.array([[-40.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.0, 35.0, 0.0]])

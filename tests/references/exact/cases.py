@@ -5,13 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from handbench.bench.scenes.shapes import cylinder_mesh, sphere_mesh
+from handbench.bench.scenes.shapes import sphere_mesh
+from handbench.groundtruth.mesh.surface import mesh
 from handbench.radar.data.arrays import AntennaArray
-from handbench.radar.simulation.physics.reflection import (
-    HORNY,
-    dielectric_permittivity,
-    skin_permittivity,
-)
+from handbench.radar.simulation.reflection import HORNY, dielectric_permittivity, skin_permittivity
 from handbench.radar.simulation.scene import Body, Material
 from handbench.support.rays import TriangleMesh, load_open3d
 from tests.references.exact.cylinders import Cylinder, cylinder_echoes
@@ -56,8 +53,12 @@ def _mesh(shape: Shape) -> TriangleMesh:
         return sphere_mesh(shape.radius_m, AROUND_M / 2).translate(shape.centre_m)
     around = int(np.ceil(2 * np.pi * shape.radius_m / AROUND_M))
     along = int(np.ceil(2 * HALF_LENGTH_M / ALONG_M))
-    made = cylinder_mesh(shape.radius_m, 2 * HALF_LENGTH_M, around, along)
-    return made.translate((shape.x_m, 0.0, shape.z_m))
+    made = load_open3d().geometry.TriangleMesh.create_cylinder(
+        shape.radius_m, 2 * HALF_LENGTH_M, around, along
+    )
+    # its axis is z
+    vertices_m = np.asarray(made.vertices)[:, [1, 2, 0]] + (shape.x_m, 0.0, shape.z_m)
+    return mesh(vertices_m, np.asarray(made.triangles))
 
 
 def exact_echoes(

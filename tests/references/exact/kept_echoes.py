@@ -13,8 +13,8 @@ import numpy as np
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import METHODS
+from handbench.radar.simulation.catalogue import choose
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.samples import relative_error
 from tests.references.exact.cases import MATERIALS, SCENES, body, exact_echoes

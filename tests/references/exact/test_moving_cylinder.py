@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
-from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import choose
+from handbench.radar.simulation.catalogue import choose
+from handbench.radar.simulation.scene import EchoScene, Motion
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.references.exact.cases import body
 from tests.references.exact.cylinders import Cylinder, cylinder_echoes

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import AntennaArray, qar50
+from handbench.radar.simulation.catalogue import choose
 from handbench.radar.simulation.scene import EchoScene
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import plate

@@ -5,10 +5,17 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.imaging.api import image_points
 from handbench.radar.simulation.ablation import explain
-from handbench.radar.simulation.causes import Motion, Noise, Roughness, SensorFaults
-from handbench.radar.simulation.scene import Ball, Choice, EchoScene
+from handbench.radar.simulation.catalogue import choose
+from handbench.radar.simulation.scene import (
+    Ball,
+    Choice,
+    EchoScene,
+    Motion,
+    Noise,
+    Roughness,
+    SensorFaults,
+)
 from handbench.radar.simulation.scene_echoes import Echoes, bare_echoes
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 from tests.radar.simulation.effects.plates import sphere_body
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.simulation.forward import simulate
-from handbench.radar.simulation.physics.facets import facets_of
+from handbench.radar.simulation.scene_echoes import facets_of
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import sheet, sphere_body
 

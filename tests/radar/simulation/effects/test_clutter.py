@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects.clutter import room_echoes
+from handbench.radar.simulation.effects.surfaces import room_echoes
 from handbench.radar.simulation.scene import EchoScene
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.plates import sheet, sphere_body

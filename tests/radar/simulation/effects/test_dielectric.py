@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
-from handbench.radar.simulation.effects.materials import dielectric
-from handbench.radar.simulation.physics.reflection import interface
+from handbench.radar.simulation.effects.surfaces import dielectric
+from handbench.radar.simulation.reflection import interface
 from handbench.radar.simulation.scene import EchoScene, Material
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects.small_scenes import (

@@ -9,16 +9,10 @@ from scipy.special import erfc
 
 from handbench.bench.scenes.stand import cuboid
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.effects.clutter import room_echoes
-from handbench.radar.simulation.effects.target_surface import obliquity, shadow
+from handbench.radar.simulation.effects.surfaces import obliquity, room_echoes, shadow
 from handbench.radar.simulation.forward import simulate
-from handbench.radar.simulation.physics.shadows import (
-    cubes_of,
-    edge_waves,
-    edges_of,
-    visible_outline,
-)
 from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.shadows import cubes_of, edge_waves, edges_of, visible_outline
 from handbench.support.rays import Rays
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, joined, plate, sphere_body

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.causes import Motion
-from handbench.radar.simulation.movement import (
+from handbench.radar.simulation.effects.motion import (
     displacement_m,
     frame_starts,
     surface_m,
     velocity_m_s,
 )
-from handbench.radar.simulation.scene import Body, EchoScene
+from handbench.radar.simulation.scene import Body, EchoScene, Motion
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.simulation.effects import small_scenes
 from tests.radar.simulation.effects.plates import joined, plate, sheet, sphere_body

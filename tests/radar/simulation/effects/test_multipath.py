@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
-from handbench.radar.simulation.causes import Motion
 from handbench.radar.simulation.effects import multipath as multipath_effect
 from handbench.radar.simulation.effects.motion import moving_samples
 from handbench.radar.simulation.effects.multipath import land, multipath
-from handbench.radar.simulation.physics.reflection import reflections
-from handbench.radar.simulation.scene import Body, EchoScene, Material
+from handbench.radar.simulation.reflection import reflections
+from handbench.radar.simulation.scene import Body, EchoScene, Material, Motion
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.samples import relative_error
 from tests.radar.simulation.effects.plates import cylinder, dihedral, joined, plate, sphere_body

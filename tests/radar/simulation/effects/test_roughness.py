@@ -5,9 +5,9 @@ import pytest
 from scipy.special import j0
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.causes import Roughness
-from handbench.radar.simulation.effects.target_surface import displace_facets, waves_of
-from handbench.radar.simulation.physics.facets import facets_of
+from handbench.radar.simulation.effects.surfaces import displace_facets, waves_of
+from handbench.radar.simulation.scene import Roughness
+from handbench.radar.simulation.scene_echoes import facets_of
 from handbench.support.config import parse
 from tests.radar.simulation.effects.plates import plate
 from tests.refusals import refuse

@@ -10,9 +10,8 @@ from scipy.integrate import quad
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.imaging.api import image_points
-from handbench.radar.simulation.causes import Noise, Oscillator
 from handbench.radar.simulation.effects.sensor import converter, phase_rad
-from handbench.radar.simulation.scene import Ball
+from handbench.radar.simulation.scene import Ball, Noise, Oscillator
 from handbench.radar.simulation.scene_echoes import bare_echoes
 from tests.radar.samples import noise, relative_error
 from tests.radar.simulation.effects.small_scenes import TONES_HZ, bead_scene, simulated

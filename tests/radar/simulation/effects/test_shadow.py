@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from handbench.radar.simulation.effects.target_surface import obliquity, shadow
-from handbench.radar.simulation.physics import facets as splitting
+from handbench.radar.simulation import scene_echoes as splitting
+from handbench.radar.simulation.effects.surfaces import obliquity, shadow
 from handbench.radar.simulation.scene_echoes import front_facets
 from tests.radar.simulation.effects.plates import joined, plate
 from tests.radar.simulation.effects.small_scenes import bead_scene, shaped

@@ -8,8 +8,8 @@ from threadpoolctl import threadpool_limits
 
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.imaging.plan import fresh_plans
+from handbench.radar.simulation.catalogue import choose
 from handbench.radar.simulation.scene import EchoScene, Material
-from handbench.radar.simulation.selection import choose
 from handbench.radar.simulation.simulate import simulate_scene
 from tests.radar.simulation.effects.plates import dihedral
 from tests.radar.simulation.effects.small_scenes import EVERYTHING, bead_scene, causes, simulated

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
-from handbench.radar.simulation.effects.materials import skin
-from handbench.radar.simulation.physics.reflection import (
+from handbench.radar.simulation.effects.surfaces import skin
+from handbench.radar.simulation.reflection import (
     echo_reflections,
     interface,
     layer_reflection,

@@ -4,6 +4,7 @@ import numpy as np
 
 from handbench.radar.simulation.scene import Body
 
+MOST_FACETS = 4_000_000  # of a surface
 SIDES = 6  # of a plate or box, at most
 ALIKE, FLAT_M = 1e-3, 1e-5  # of the faces of one side: difference of unit normals, and of planes
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.bench.studies import measure_engine, measure_noise_fit
+from handbench.bench import studies
 from handbench.radar.data.arrays import AntennaArray, qar50
 from handbench.radar.data.grid import Axis
 from handbench.radar.methods.backprojection import Backprojection
@@ -18,9 +18,9 @@ def engine(out):
     volume = Backprojection(x=side, y=side, z=depth, tones_hz={"count": 16})
     array = AntennaArray(qar50().tx_m[::8], qar50().rx_m[::8])
     frame = Fsk(x=side, y=side)
-    cases = measure_engine.cases(Scatterers(few, np.ones(60)), array, volume, frame)
-    rows = [measure_engine.measure(case, repeats=1) for case in cases]
-    assert len(rows) == 3 and all(row["relative_error"] < measure_engine.TOLERANCE for row in rows)
+    cases = studies.cases(Scatterers(few, np.ones(60)), array, volume, frame)
+    rows = [studies.measure(case, repeats=1) for case in cases]
+    assert len(rows) == 3 and all(row["relative_error"] < studies.TOLERANCE for row in rows)
     assert all(row["ratio_to_exact"] > 0 for row in rows)
 
 
@@ -32,7 +32,7 @@ def noise_fit(out):
         'version = 1\nname = "fit"\nrepeats = 5\n[[method]]\nid = "2fsk"\n'
         '[[capture]]\nscene = "plate.toml"\nmeasures = ["accuracy", "precision"]\n'
     )
-    assert 1e-4 < measure_noise_fit.fit(str(out / "bench.toml"), 0.5) < 0.1
+    assert 1e-4 < studies.fit(str(out / "bench.toml"), 0.5) < 0.1
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ from scipy.interpolate import CubicSpline
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.imaging.steering import cis_small
 from handbench.radar.simulation.forward import Scatterers, Sight
-from handbench.radar.simulation.physics.meshes import face_vectors, unit
+from handbench.radar.simulation.meshes import face_vectors, unit
 from handbench.radar.simulation.scene import Body, EchoScene
 from handbench.support.compiled import FAST, INNER, njit
 from handbench.support.errors import HandbenchError

@@ -1,1 +1,0 @@
-"""Studies: scripts that measure the speed and accuracy of handbench itself."""

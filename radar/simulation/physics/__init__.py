@@ -1,1 +1,0 @@
-"""Models of scattering and propagation that several effects share."""
