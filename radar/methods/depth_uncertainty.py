@@ -53,29 +53,33 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
     return SPEED_OF_LIGHT_M_S * ratio / (4 * np.pi * difference_hz)
 
 
-def spread_m(error_m: np.ndarray, amplitude: np.ndarray, window_px: int = SPREAD_PX) -> np.ndarray:
-    """Compute σ = √((⟨q²A²⟩_window + ⟨q²A²⟩_map) / 2) / A [ny, nx], metres, from the errors q
-    (error_m) and amplitudes A [ny, nx], NaN off target. Of many pixels, the median of q is
-    subtracted first, since the tones may differ in gain. window_px: width of the window."""
-    on, sigma_m = np.flatnonzero(np.isfinite(error_m)), np.full(error_m.shape, np.nan)
-    if not len(on):
-        return sigma_m
-    error, strength = error_m.ravel()[on], amplitude.ravel()[on]
-    gain_m = np.median(error) if len(error) > FEW else 0.0
-    power = ((error - gain_m) * strength) ** 2
+def spread_m(
+    error_m: np.ndarray,
+    amplitude: np.ndarray,
+    pixels: tuple[np.ndarray, ...],
+    window_px: int = SPREAD_PX,
+) -> np.ndarray:
+    """Compute σ = √((⟨q²A²⟩_window + ⟨q²A²⟩_map) / 2) / A [n], metres, from the errors q (error_m)
+    and amplitudes A of the pixels (rows [n], columns [n]), NaN where q is. Of many pixels, the
+    median of q is subtracted first, since the tones may differ in gain. window_px: width of the
+    window."""
+    on = np.isfinite(error_m)
+    if not on.any():
+        return np.full(len(on), np.nan)
+    gain_m = np.median(error_m[on]) if np.count_nonzero(on) > FEW else 0.0
+    power = ((error_m - gain_m) * amplitude) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (
-            window_mean(power, np.unravel_index(on, error_m.shape), window_px) + power.mean()
-        ) / 2
-        sigma_m.ravel()[on] = np.sqrt(mean) / strength
-    return sigma_m
+        mean = (window_mean(power, pixels, window_px) + power[on].mean()) / 2
+        return np.asarray(np.sqrt(mean) / amplitude)
 
 
-def speckle_m(z_m: np.ndarray, filtered_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:
-    """Compute the standard deviation (1σ) of depths z_m [ny, nx] by speckle, metres, from the part
-    that a filter removes. filtered_m: the filtered depths."""
+def speckle_m(
+    z_m: np.ndarray, filtered_m: np.ndarray, amplitude: np.ndarray, pixels: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """Compute the standard deviation (1σ) of depths z_m [n] of pixels (rows [n], columns [n]) by
+    speckle, metres, from the part that a filter removes. filtered_m: the filtered depths."""
     removed_m = np.clip(z_m - filtered_m, -OTHER_SURFACE_M, OTHER_SURFACE_M)
-    return spread_m(removed_m, amplitude)
+    return spread_m(removed_m, amplitude, pixels)
 
 
 def wrap_probability(
@@ -93,9 +97,7 @@ def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> 
     """Compute the depth map of a frame by an FSK method, with predicted 1σ and flags for pixels
     that may be wrong. With config.drop_doubtful, flagged pixels become NaN after each imaging
     step."""
-    wrapped = np.zeros(config.pixels.shape, bool)
-    # quadrature steps of the last imaging step, filtered like its depths
-    error_m = np.zeros(wrapped.shape)
+    wrapped = error_m = np.zeros(0)
     last: FskStep | None = None
 
     def add(step: FskStep) -> np.ndarray:
@@ -105,7 +107,8 @@ def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> 
         else:
             if len(step.images) > len(last.images):
                 error_m = last.filtered(error_m)
-            wrapped = wrapped | may_wrap(step, spread_m(error_m, last.amplitude))
+            wrapped = wrapped | may_wrap(step, spread_m(error_m, last.amplitude, last.pixels))
+        # quadrature steps of the last imaging step, filtered like its depths
         last, error_m = step, quadrature_m(step)
         if not config.drop_doubtful:
             return step.z_m
@@ -115,19 +118,18 @@ def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> 
     depth, steps = fsk(capture, config, frame, on_step=add)
     step = steps[-1]
     sigma_m = np.fmax(
-        spread_m(step.filtered(error_m), step.amplitude),
-        speckle_m(step.z_m, depth.z_m, step.amplitude),
+        spread_m(step.filtered(error_m), step.amplitude, step.pixels),
+        speckle_m(step.z_m, depth.z_m.ravel()[step.index], step.amplitude, step.pixels),
     )
     if len(step.again):
         depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth))
-    return replace(depth, sigma_m=sigma_m, wrapped=wrapped)
+    return replace(depth, sigma_m=step.on_map(sigma_m), wrapped=step.on_map(wrapped, 0) > 0)
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
-    """Compute the quadrature steps of an imaging step, averaged over tones and scaled like its
-    depth correction: [ny, nx], metres."""
-    error_m = step.steps_m(quadrature_step_m).mean(axis=0) * step.factor
-    return step.echoes.grid.on_map(step.index, error_m)
+    """Compute the quadrature steps [n] of an imaging step's pixels, averaged over tones and scaled
+    like its depth correction, metres."""
+    return np.asarray(step.steps_m(quadrature_step_m).mean(axis=0) * step.factor)
 
 
 def half_period_m(step: FskStep) -> float:
@@ -137,14 +139,14 @@ def half_period_m(step: FskStep) -> float:
 
 
 def doubtful_on_plane(step: FskStep) -> np.ndarray:
-    """Flag pixels of the first imaging step, which images one plane: boolean [ny, nx]. Flagged are
+    """Flag pixels of the first imaging step, which images one plane: boolean [n]. Flagged are
     noise, depths behind the array, and all pixels if the target seems to be one period before or
     behind the plane, where the pair of tones has the same phases.
 
     That is so if the image of the plane there has a clearly higher peak. A farther plane's peak is
     divided by its distance first, since its wider resolution cells collect more echoes.
     """
-    sigma_m = spread_m(quadrature_m(step), step.amplitude).ravel()[step.index]
+    sigma_m = spread_m(quadrature_m(step), step.amplitude, step.pixels)
     noise = sigma_m > NOISE * half_period_m(step) * step.factor
     if np.count_nonzero(noise) > NOISY * len(noise):  # the rest are peaks of the noise
         noise[:] = True
@@ -154,30 +156,28 @@ def doubtful_on_plane(step: FskStep) -> np.ndarray:
         for there_m in (z_m - period_m, z_m + period_m)
         if there_m > 0
     )
-    behind_the_array = step.formed_m + step.correction_m <= 0
-    return step.echoes.grid.on_map(step.index, noise | behind_the_array | elsewhere, 0) > 0
+    return noise | (step.z_m <= 0) | elsewhere
 
 
 def may_wrap(step: FskStep, sigma_m: np.ndarray) -> np.ndarray:
-    """Flag pixels of a later imaging step that may be off by a period: boolean [ny, nx]. sigma_m
-    [ny, nx]: standard deviation of the depths at which the images were formed.
+    """Flag pixels of a later imaging step that may be off by a period: boolean [n]. sigma_m [n]:
+    standard deviation of the depths at which the images were formed.
 
     The step may wrap from these depths, or, where a filter crossed an edge, from the depths that
     the same images give without the last tone; or it has wrapped against one of the first two
     tones only.
     """
-    amplitude = step.echoes.grid.on_map(step.index, np.abs(step.images[:-1]).mean(axis=0), 0.0)
-    coarse = replace(step, images=step.images[:-1], amplitude=amplitude)
-    coarse_sigma_m = spread_m(quadrature_m(coarse), amplitude)
+    coarse = replace(step, images=step.images[:-1])
+    amplitude = np.abs(coarse.images).mean(axis=0)
+    coarse_sigma_m = spread_m(quadrature_m(coarse), amplitude, step.pixels)
     flags = np.ptp(step.steps_m(), axis=0) > half_period_m(step)
     for step_m, before_m in (
         (step.correction_m, sigma_m),
         (step.correction_m - coarse.correction_m, coarse_sigma_m),
     ):
         ambiguity_m = half_period_m(step) * step.factor
-        probability = wrap_probability(step_m, before_m.ravel()[step.index], ambiguity_m)
-        flags |= probability > WRAP_PROBABILITY
-    return step.echoes.grid.on_map(step.index, flags, 0) > 0
+        flags |= wrap_probability(step_m, before_m, ambiguity_m) > WRAP_PROBABILITY
+    return np.asarray(flags)
 
 
 def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
@@ -193,6 +193,5 @@ def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
     # as of a depth step, with fT = c / 4v in place of Δf
     fT = SPEED_OF_LIGHT_M_S / (4 * depth.velocity_limit_m_s)
     noise_m_s = quadrature_step_m(step.again[1], step.again[0], fT)
-    noise_m_s = step.echoes.grid.on_map(step.index, noise_m_s)
-    noise_m_s = spread_m(step.filtered(noise_m_s), step.amplitude)
+    noise_m_s = step.on_map(spread_m(step.filtered(noise_m_s), step.amplitude, step.pixels))
     return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * np.asarray(depth.velocity_m_s))

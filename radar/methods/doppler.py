@@ -23,7 +23,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.pixels import masked_mean, path_gradient_z
+from handbench.radar.methods.pixels import path_gradient_z, window_mean
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -96,15 +96,17 @@ def with_velocity(depth: DepthMap, step: FskStep, repeated: Repetition) -> Depth
     less than 2 per metre along the line from the array's middle, which is corrected (by 3 % for the
     paper's array at 0.31 m).
     """
-    grid, filter_px = step.echoes.grid, step.echoes.config.filter_px
     turned = step.again[1].astype(np.complex128) * np.conj(step.again[0])
     # of the numbers, not of the angles, which jump where they wrap
     real, imaginary = (
-        masked_mean(grid.on_map(step.index, part), filter_px) for part in (turned.real, turned.imag)
+        window_mean(part, step.pixels, step.echoes.config.filter_px)
+        for part in (turned.real, turned.imag)
     )
-    points_m = grid.points_at_m(step.index, step.formed_m)
+    points_m = step.echoes.grid.points_at_m(step.index, step.formed_m)
     cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
     along = path_gradient_z(points_m, step.echoes.aperture)
-    factor = grid.on_map(step.index, 2 * cosine / along)
+    factor = 2 * cosine / along
     velocity_m_s = -np.angle(real + 1j * imaginary) / np.pi * repeated.limit_m_s * factor
-    return replace(depth, velocity_m_s=velocity_m_s, velocity_limit_m_s=repeated.limit_m_s)
+    return replace(
+        depth, velocity_m_s=step.on_map(velocity_m_s), velocity_limit_m_s=repeated.limit_m_s
+    )

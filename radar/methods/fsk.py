@@ -35,7 +35,7 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.doppler import Repetition, repetition, with_velocity
-from handbench.radar.methods.pixels import masked_mean, path_gradient_z
+from handbench.radar.methods.pixels import path_gradient_z, window_mean
 from handbench.radar.methods.settings import Depth, MethodSettings, OddPixels
 from handbench.support.config import Tone
 from handbench.support.errors import HandbenchError
@@ -100,10 +100,10 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
 class FskStep:
     """One imaging step: images of n pixels, and the depths that follow from their phases.
 
-    index [n]: flat indices of the pixels; formed_m [n]: depths at which the images are formed;
-    images [f, n]: at the first f tones of the echoes, without the phase of the target's motion, if
-    that is measured; again [2, n]: images of the tone that is measured twice ([0, n] without one);
-    amplitude [ny, nx]: mean magnitude of the tones' images.
+    index [n]: flat indices of the pixels; formed_m [n]: depths at which the images are formed, NaN
+    for pixels that are not imaged; images [f, n]: at the first f tones of the echoes, without the
+    phase of the target's motion, if that is measured; again [2, n]: images of the tone that is
+    measured twice ([0, n] without one); amplitude [n]: mean magnitude of the tones' images.
     """
 
     echoes: FskEchoes
@@ -115,8 +115,13 @@ class FskStep:
 
     def where(self, chosen: np.ndarray) -> FskStep:
         """Return the step with only the pixels chosen [k], positions among the n."""
-        of_pixels = ("index", "formed_m", "images", "again")
+        of_pixels = ("index", "formed_m", "images", "again", "amplitude")
         return replace(self, **{name: getattr(self, name)[..., chosen] for name in of_pixels})
+
+    @cached_property
+    def pixels(self) -> tuple[np.ndarray, ...]:
+        """Rows [n] and columns [n] of the pixels."""
+        return np.unravel_index(self.index, self.echoes.grid.shape)
 
     @cached_property
     def factor(self) -> np.ndarray | float:
@@ -139,15 +144,26 @@ class FskStep:
         """Depth corrections [n], metres, from formed_m to the scatterers: the mean of `steps_m`."""
         return np.asarray(self.steps_m().mean(axis=0) * self.factor)
 
-    @cached_property
+    @property
     def z_m(self) -> np.ndarray:
-        """Depths after the step [ny, nx], metres, NaN off target."""
-        return self.echoes.grid.on_map(self.index, self.formed_m + self.correction_m)
+        """Depths after the step [n], metres, NaN for pixels that are not imaged."""
+        return self.formed_m + self.correction_m
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
-        """Average a map [ny, nx] by the configured filter (`masked_mean`)."""
+        """Average values [n] of the pixels by the configured filter (`window_mean`)."""
         config = self.echoes.config
-        return masked_mean(values, config.filter_px, self.amplitude**2 if config.weighted else None)
+        weight = self.amplitude.astype(np.float64) ** 2 if config.weighted else None
+        return window_mean(values, self.pixels, config.filter_px, weight)
+
+    def on_target(self) -> FskStep:
+        """Do step 3 of the paper's method: keep every pixel at or above the threshold, which takes
+        the depth of its own phase."""
+        seen = amplitude_db(self.amplitude) >= self.echoes.config.threshold_db
+        return self.where(np.flatnonzero(seen))
+
+    def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+        """Return the map [ny, nx] of the pixels' values [n], `elsewhere` at all others."""
+        return self.echoes.grid.on_map(self.index, values, elsewhere)
 
 
 def fsk(
@@ -157,13 +173,14 @@ def fsk(
     on_step: Callable[[FskStep], np.ndarray] = attrgetter("z_m"),
 ) -> tuple[DepthMap, list[FskStep]]:
     """Compute the depth map of a frame by 2-FSK, 3-FSK or a longer ladder of tones (Bräunig et al.,
-    section II): (map, imaging steps that led to it).
+    section II): (map, imaging steps that led to it, all of the same pixels).
 
-    on_step: called after each imaging step; returns the depths [ny, nx] in metres from which the
-    next step starts (default: the step's own).
+    on_step: called after each imaging step; returns the depths [n] in metres from which the next
+    step starts, NaN for pixels to leave out (default: the step's own).
     """
     echoes = FskEchoes.of(capture, config, frame)
-    steps, config = [echoes.first_step()], echoes.config
+    plane = echoes.target_plane()
+    steps, config = [plane.on_target()], echoes.config
     z_m = on_step(steps[0])
     for count in range(3, len(config.tones_hz) + 1):
         z_m = steps[-1].filtered(z_m)
@@ -172,14 +189,20 @@ def fsk(
                 break
             # 4: the curved surface found so far is imaged at all tones up to this one.
             # 5: the mean of the two corrections between the new tone and the first two.
-            steps.append(echoes.image(z_m, count))
+            steps.append(echoes.surface(steps[0].index, z_m, count))
             z_m = on_step(steps[-1])
-    z_m, db = steps[-1].filtered(z_m), amplitude_db(steps[-1].amplitude)
+    step = steps[-1]
+    imaged = plane if len(steps) == 1 else step
     depth = DepthMap(
-        echoes.grid.x_m, echoes.grid.y_m, z_m, db, "fsk", config.model_dump(mode="json")
+        echoes.grid.x_m,
+        echoes.grid.y_m,
+        step.on_map(step.filtered(z_m)),
+        imaged.on_map(amplitude_db(imaged.amplitude), -np.inf).astype(np.float32),
+        "fsk",
+        config.model_dump(mode="json"),
     )
     if echoes.repetition is not None:
-        depth = with_velocity(depth, steps[-1], echoes.repetition)
+        depth = with_velocity(depth, step, echoes.repetition)
     return depth, steps
 
 
@@ -208,18 +231,15 @@ class FskEchoes(NamedTuple):
         samples, aperture = scaled_to_one(capture.samples[frame][index]), capture.aperture
         return cls(samples, capture.vacuum_hz[index], aperture, config, config.pixels, repeated)
 
-    def first_step(self) -> FskStep:
-        """Do steps 1 to 3 of the paper's method: image a plane at the first two tones, move it to
-        the target by their phase, and return the step of the pixels at or above the threshold."""
+    def target_plane(self) -> FskStep:
+        """Do steps 1 and 2 of the paper's method: image all pixels of a plane at the first two
+        tones, moved to the target by their phase."""
         # 1: the plane z_e is imaged at f1 and f2.
-        config = self.config
-        z_e = float(config.first_depth_m)
-        for _ in range(config.corrections):
+        z_e = float(self.config.first_depth_m)
+        for _ in range(self.config.corrections):
             # 2: the phase at the strongest pixel corrects z_e, in the paper once.
             z_e += self.strongest(z_e).correction_m.item()
-        plane = self.image(z_e, 2)
-        # 3: every pixel above the threshold takes the depth of its own phase.
-        return plane.where(np.flatnonzero(amplitude_db(plane.amplitude) >= config.threshold_db))
+        return self.plane(z_e)
 
     def strongest(self, z_m: float) -> FskStep:
         """Image the plane z_m at the first two tones, and return the step of the strongest of its
@@ -231,33 +251,47 @@ class FskEchoes(NamedTuple):
             axis[:: max(1, round(len(axis) / max(1, np.ptp(axis) / step_m)))]
             for axis in (self.grid.x_m, self.grid.y_m)
         )
-        plane = self._replace(grid=PixelGrid(*thinned)).image(z_m, 2)
+        plane = self._replace(grid=PixelGrid(*thinned)).plane(z_m)
         return plane.where(np.array([plane.amplitude.argmax()]))
 
-    def image(self, z_m: np.ndarray | float, count: int) -> FskStep:
-        """Image the pixels with a finite depth, each at its depth z_m [ny, nx], at the first
-        `count` tones; at two tones, z_m is one plane, and a phase that all tones share is left
-        out."""
-        from handbench.radar.imaging import api  # numba, which settings do not need
+    def plane(self, z_m: float) -> FskStep:
+        """Image all pixels at one depth z_m and at the first two tones, without a phase that all
+        tones share."""
+        from handbench.radar.imaging.api import image_volume  # numba, which settings do not need
 
-        config, grid = self.config, self.grid
-        z_m = np.broadcast_to(z_m, grid.shape)
-        index = np.flatnonzero(np.isfinite(z_m))
-        formed_m = z_m.ravel()[index]
-        rows = np.r_[:count, len(config.tones_hz) : len(self.samples)]
-        echoes = self.samples[rows], self.frequencies_hz[rows], self.aperture
-        if count == 2:
-            voxels = VoxelGrid(grid.x_m, grid.y_m, formed_m[:1])
-            images = api.image_volume(*echoes, voxels, config.tolerance, True, carrier=False)
-        else:
-            points_m = grid.points_at_m(index, formed_m)
-            images = api.image_points(*echoes, points_m, config.tolerance, per_tone=True)
-        images, again = np.split(images.reshape(len(rows), -1), [count])
-        amplitude = np.abs(images).mean(axis=0)
-        whole = amplitude.reshape(grid.shape) if count == 2 else grid.on_map(index, amplitude, 0.0)
+        voxels = VoxelGrid(self.grid.x_m, self.grid.y_m, np.array([z_m]))
+        images = image_volume(*self._tones(2), voxels, self.config.tolerance, True, carrier=False)
+        images = images.reshape(len(images), -1)
+        count = images.shape[1]
+        return self._step(np.arange(count), np.full(count, z_m), images, 2)
+
+    def surface(self, index: np.ndarray, z_m: np.ndarray, count: int) -> FskStep:
+        """Image the pixels with flat indices index [n] at their finite depths z_m [n] and at the
+        first `count` tones."""
+        from handbench.radar.imaging.api import image_points  # numba, which settings do not need
+
+        samples, frequencies_hz, aperture = self._tones(count)
+        images = np.full((len(samples), len(index)), np.nan, np.complex64)
+        on = np.isfinite(z_m)
+        points_m = self.grid.points_at_m(index[on], z_m[on])
+        images[:, on] = image_points(
+            samples, frequencies_hz, aperture, points_m, self.config.tolerance, per_tone=True
+        )
+        return self._step(index, z_m, images, count)
+
+    def _tones(self, count: int) -> tuple[np.ndarray, np.ndarray, Aperture]:
+        """Return the echoes at the first `count` tones, and at the tone that is measured twice."""
+        rows = np.r_[:count, len(self.config.tones_hz) : len(self.samples)]
+        return self.samples[rows], self.frequencies_hz[rows], self.aperture
+
+    def _step(
+        self, index: np.ndarray, formed_m: np.ndarray, images: np.ndarray, count: int
+    ) -> FskStep:
+        images, again = np.split(images, [count])
+        amplitude = np.nan_to_num(np.abs(images).mean(axis=0))
         if self.repetition is not None:
             images = self.repetition.at_rest(images, again)
-        return FskStep(self, index, formed_m, images, again, whole)
+        return FskStep(self, index, formed_m, images, again, amplitude)
 
 
 def first_depth_m(capture: RadarCapture, frame: int = 0) -> float:

@@ -6,15 +6,10 @@ from handbench.radar.data.arrays import Aperture
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Average a map [ny, nx] over a window of size_px × size_px around each pixel, leaving out NaN
-    (normalised convolution); NaN stays NaN. weight [ny, nx]: weight of each pixel; None for equal
-    weights."""
-    means, seen = values.flatten(), np.flatnonzero(np.isfinite(values))
-    if size_px > 1 and len(seen):
-        pixels = np.unravel_index(seen, values.shape)
-        of_seen = None if weight is None else weight.ravel()[seen]
-        means[seen] = window_mean(means[seen], pixels, size_px, of_seen)
-    return means.reshape(values.shape)
+    """Average a map [ny, nx] as `window_mean` does the values of its pixels. weight [ny, nx]."""
+    pixels = tuple(np.indices(values.shape).reshape(2, -1))
+    flat = None if weight is None else weight.ravel()
+    return window_mean(values.ravel(), pixels, size_px, flat).reshape(values.shape)
 
 
 def window_mean(
@@ -24,20 +19,24 @@ def window_mean(
     weight: np.ndarray | None = None,
 ) -> np.ndarray:
     """Average values [n] of the pixels (rows [n], columns [n]) over a window of size_px × size_px
-    around each, with weights [n] (None: equal ones): [n]."""
+    around each, with weights [n] (None: equal ones), leaving out NaN (normalised convolution): [n];
+    NaN stays NaN."""
     from scipy.ndimage import correlate1d  # which settings do not need
 
+    seen = np.isfinite(values)
+    if size_px == 1 or not seen.any():
+        return values
     rows, columns = (place - place.min() for place in pixels)
-    weight = np.ones(len(values)) if weight is None else (weight / weight.max()).astype(np.float64)
-    offset = values.mean()  # keeps the sums small, so that they lose no digits
+    weight = np.where(seen, 1.0 if weight is None else weight / np.float64(weight[seen].max()), 0.0)
+    offset = values[seen].mean()  # keeps the sums small, so that they lose no digits
     maps = np.zeros((2, rows.max() + 1, columns.max() + 1))
-    maps[:, rows, columns] = weight * (values - offset), weight
+    maps[:, rows, columns] = weight * np.where(seen, values - offset, 0.0), weight
     # each window by itself: a running sum would carry rounding errors of strong pixels to weak ones
     for axis in (1, 2):
         maps = correlate1d(maps, np.ones(size_px), axis, mode="constant")
     sums = maps[:, rows, columns]
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(offset + sums[0] / sums[1])
+        return np.where(seen, offset + sums[0] / sums[1], np.nan)
 
 
 def path_gradient_z(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:
