@@ -1,1 +1,1 @@
-"""The command line of handbench: one module for each command."""
+"""The command line of handbench: the functions of its commands, by what they work on."""

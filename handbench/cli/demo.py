@@ -15,7 +15,7 @@ SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
 TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
 
-def run(options: argparse.Namespace) -> None:
+def demo(options: argparse.Namespace) -> None:
     """Simulate a hand, image it with the paper's four methods, score the depth maps against the
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
@@ -71,7 +71,7 @@ def _claim(folder: Path, scene: str) -> None:
     the same version has made. Raises HandbenchError for any other folder."""
     marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
     mark = folder / SCENE
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if not any(folder.glob("*")):
         write_text(mark, marked)
     elif not mark.is_file() or mark.read_text("utf-8", "replace") != marked:
         raise HandbenchError(

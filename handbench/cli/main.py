@@ -43,7 +43,8 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         _require_current_folder()
         with _device(options):
-            import_module(f"handbench.cli.{options.module}").run(options)
+            module, function = options.function.split(".")
+            getattr(import_module(f"handbench.cli.{module}"), function)(options)
         sys.stdout.flush()
         return 0
     except BrokenPipeError:
@@ -125,7 +126,7 @@ def parser() -> argparse.ArgumentParser:
     for name, entry in COMMANDS.items():
         command = commands.add_parser(name, help=entry["help"], description=entry["help"])
         add_options(command, entry["options"])
-        command.set_defaults(module=entry.get("module", name))
+        command.set_defaults(function=entry["function"])
     return top
 
 

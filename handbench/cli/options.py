@@ -3,6 +3,7 @@ overwritten by mistake."""
 
 import argparse
 import os
+import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -26,14 +27,6 @@ def positive(text: str) -> int:
     return int(text)
 
 
-def _ending(ends: Sequence[str], text: str) -> Path:
-    """Convert an option's text to a path that has one of the suffixes `ends`. Raises argparse's
-    error for another suffix."""
-    if Path(text).suffix.lower() not in ends:
-        raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
-    return Path(text)
-
-
 def names(text: str) -> tuple[str, ...]:
     """Convert an option's text, names separated by commas."""
     return tuple(map(str.strip, text.split(",")))
@@ -44,18 +37,22 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(map(float, text.split(",")))
 
 
-def method_ids(**_: object) -> list[str]:
-    """Return the ids of all methods, so that a shell can complete the option --method."""
-    from handbench.radar.methods.registry import METHODS
+def quantity(units: Mapping[str, float], text: str) -> float:
+    """Convert an option's text, a number with its unit. Raises argparse's error for any other text.
+    units: unit → factor."""
+    match = re.fullmatch(rf"(\d*\.?\d+)\s*({'|'.join(units)})", text)
+    if match is None:
+        raise argparse.ArgumentTypeError(f"{text} is no number with its unit, {' or '.join(units)}")
+    return float(match[1]) * units[match[2]]
 
-    return list(METHODS)
 
-
-def path(text: str) -> Path:
+def path(text: str, ends: Sequence[str] = ()) -> Path:
     """Convert an option's text to a path. Raises argparse's error for an empty text, which would be
-    the current folder."""
+    the current folder, and for a path with another suffix than `ends`, if these are given."""
     if not text:
         raise argparse.ArgumentTypeError("the path is empty")
+    if ends and Path(text).suffix.lower() not in ends:
+        raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
     return Path(text)
 
 
@@ -66,6 +63,8 @@ TYPES: dict[str, Callable[[str], Any]] = {
     "positive": positive,
     "names": names,
     "numbers": numbers,
+    "millimetres": partial(quantity, {"mm": 1.0}),
+    "seconds": partial(quantity, {"ms": 1e-3, "s": 1.0}),
 }
 
 
@@ -81,15 +80,13 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
         if "type" in facts:
             facts["type"] = TYPES[facts["type"]]
         if "ends" in facts:
-            facts["type"] = partial(_ending, facts.pop("ends"))
+            facts["type"] = partial(path, ends=facts.pop("ends"))
         place: argparse._ActionsContainer = command
         if "group" in facts:
             place = group(facts.pop("group"))
         if "either" in facts:
             place = either(facts.pop("either"))
-        argument = place.add_argument(*names.split(", "), **facts)
-        if names == "--method":
-            vars(argument)["completer"] = method_ids
+        place.add_argument(*names.split(", "), **facts)
 
 
 def set_values(values: dict[str, Any], settings: Sequence[str], example: str) -> None:
@@ -110,13 +107,14 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
             place[leaf] = text
 
 
-def free(path: Path, overwrite: bool) -> None:
+def free(overwrite: bool, *paths: Path | None) -> None:
     """Raise a HandbenchError if a file, a folder or a link exists and may not be overwritten."""
-    if os.path.lexists(path) and not overwrite:
-        raise HandbenchError(
-            f"{path}: exists already; choose another place, or replace it (--overwrite, in Python "
-            "overwrite=True)"
-        )
+    for path in filter(None, paths):
+        if os.path.lexists(path) and not overwrite:
+            raise HandbenchError(
+                f"{path}: exists already; choose another place, or replace it (--overwrite, in "
+                "Python overwrite=True)"
+            )
 
 
 def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
@@ -124,7 +122,7 @@ def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
     or has only files that this command wrote before. Raises HandbenchError otherwise.
     written: patterns of the names of the files that the command writes; the first one is in every
     folder that it wrote."""
-    free(path, overwrite)
+    free(overwrite, path)
     if (path.is_file() or any(path.glob("*"))) and not (path / written[0]).is_file():
         raise HandbenchError(
             f"{path}: has no {written[0]}, so this command did not make this folder and does not "

@@ -38,7 +38,7 @@ BUILT_IN = {"target": default_target, "stand": stand_board}
 FEWEST_TONES = 8  # of fewer a range profile repeats too soon
 
 
-def run(options: argparse.Namespace) -> None:
+def show(options: argparse.Namespace) -> None:
     """Draw the file or folder that the options name, and print the path of the result: a picture, a
     page on which a surface can be turned, or a drawing of a board or target to print."""
     path: Path = options.path
@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> None:
     out = options.out or Path(path.resolve().name).with_suffix(endings[0])
     if out.suffix.lower() not in endings:
         raise HandbenchError(f"-o: is {out}; expected a file that ends in {' or '.join(endings)}")
-    free(out, options.overwrite)
+    free(options.overwrite, out)
     if described:
         _draw(path, out)
     elif path.is_dir():

@@ -101,7 +101,8 @@ def test_effects_are_explained_before_and_kept_after_a_simulation(made, capsys, 
     lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines() if line.strip()}
     names = {effect.id for effect in EFFECTS}
     assert names < set(lines)
-    assert "on" in lines["obliquity"].split() and "needs [noise]" in lines["noise"]
+    assert "needs [noise]" in lines["noise"]
+    assert [*lines].index("on") < [*lines].index("obliquity") < [*lines].index("off")
     rows = {row.effect: row for row in NativeCapture(made / "capture").about.effects}
     assert set(rows) == {*names, "echoes"}
     on, off = rows["obliquity"], rows["noise"]

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from handbench.radar.methods.registry import METHODS
+from handbench.cli.options import COMMANDS
 from tests.cli.conftest import PIXELS
 
 HEAVY = ["numba", "scipy", "pandas", "matplotlib", "cv2", "open3d", "h5py", "dash", "rich"]
@@ -48,10 +48,10 @@ def test_a_command_imports_what_it_needs(made, command, code, needed):
     assert "compiling" not in done.stderr  # the kernels are there already
 
 
-def test_a_shell_completes_methods(tmp_path):
+def test_a_shell_completes_commands(tmp_path):
     """By argcomplete's protocol, as its shell functions speak it."""
-    line = "handbench reconstruct capture --method 3fsk"
-    expected = {id for id in METHODS if id.startswith("3fsk")}
+    line = "handbench re"
+    expected = {command for command in COMMANDS if command.startswith("re")}
     asked = {"_ARGCOMPLETE": "1", "COMP_LINE": line, "COMP_POINT": str(len(line))}
     asked |= {"_ARGCOMPLETE_IFS": "\n", "COMP_TYPE": "9"}
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": str(tmp_path / "printed")}

@@ -73,7 +73,7 @@ def test_names_that_a_disk_cannot_hold_are_refused_and_others_written(tmp_path):
         refuse(lambda name=name: write_text(tmp_path / name, ""), str(tmp_path))
     refuse(lambda: write_text("/dev/null", ""), "/dev/null")
     (tmp_path / "link").symlink_to("nowhere")
-    refuse(lambda: free(tmp_path / "link", False), "link")
+    refuse(lambda: free(False, tmp_path / "link"), "link")
     refuse_command(["run", "", "-o", str(tmp_path / "out")], "''")
 
 

@@ -78,8 +78,8 @@ def test_without_a_place_for_compiled_code_nothing_is_written_to_the_current_fol
     [("NUMBA_CACHE_DIR", "/proc/none"), ("NUMBA_NUM_THREADS", "0"), ("NUMBA_OPT", "junk")],
 )
 def test_a_setting_that_numba_cannot_use_is_one_line(name, value):
-    script = "from handbench.cli import main, doctor\n"
-    script += "doctor.run = lambda _: __import__('handbench.support.compiled')\n"
+    script = "from handbench.cli import installed, main\n"
+    script += "installed.doctor = lambda _: __import__('handbench.support.compiled')\n"
     script += "raise SystemExit(main.main(['doctor']))"
     done = subprocess.run(
         [sys.executable, "-c", script], stderr=-1, text=True, env=os.environ | {name: value}

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from handbench.cli import reconstruct
+from handbench.cli import imaging
 from handbench.cli.main import main
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.grid import VoxelGrid
@@ -106,7 +106,7 @@ def test_further_frames_use_their_own_samples_and_depths(device, monkeypatch, ke
 
 def test_the_choice_holds_until_the_block_or_the_command_ends(device, monkeypatch):
     seen = []
-    monkeypatch.setattr(reconstruct, "run", lambda _: seen.append(current_device()))
+    monkeypatch.setattr(imaging, "reconstruct", lambda _: seen.append(current_device()))
     monkeypatch.setenv(SETTING, "numpy")
     words = ["reconstruct", "here", "--method", "3fsk", "-o", "depth.npz"]
     assert main([*words, "--device", device]) == main(words) == 0

@@ -10,7 +10,7 @@ import pytest
 
 from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.bench.results.result_folder import Result, load
-from handbench.cli.run import show
+from handbench.cli.benchmarks import show_result
 from handbench.reports.figures.fronts import ranked_methods
 from handbench.reports.page import summary
 from handbench.reports.tables import table as tables
@@ -54,7 +54,7 @@ def test_without_a_test_no_figure_has_a_star_and_without_the_papers_no_table():
 @pytest.mark.parametrize("columns", [40, 80])
 def test_a_run_ends_with_the_papers_table_and_our_best(columns, golden, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(columns))
-    show(load(RESULT), Path("OUT"))
+    show_result(load(RESULT), Path("OUT"))
     golden(capsys.readouterr().out, f"run_{columns}.txt")
 
 

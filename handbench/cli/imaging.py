@@ -1,31 +1,44 @@
-"""`handbench reconstruct`: image one capture by one method."""
+"""`handbench inspect`, `reconstruct` and `evaluate`: check a capture or another file, image it by a
+method, and compute the errors of the depth map against a mesh."""
 
 import argparse
+import sys
 from contextlib import ExitStack
+from typing import Any
 
 import numpy as np
 
 # The engine is imported when it is used, after the user's input has been checked.
-from handbench.bench.datasets.dataset import open_capture
+from handbench.bench.datasets.dataset import load_any_transform, open_capture
+from handbench.bench.evaluation.metrics import definitions
 from handbench.bench.stages.image import configured, prepare
-from handbench.bench.validation.checks import CHANNELS, MAP, on_target, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, on_target, warnings_of
 from handbench.cli.options import free, set_values
+from handbench.interface import Capture, Depth
 from handbench.radar.data.capture import RadarCapture
+from handbench.radar.data.depthmap import load_depthmap
 from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_npz
-from handbench.support.progress import counted, say
+from handbench.support.progress import counted, is_terminal, print_json, print_lines, say
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 
 
-def run(options: argparse.Namespace) -> None:
+def inspect(options: argparse.Namespace) -> None:
+    """Check files and captures before a run, and print problems and warnings, each with a remedy.
+    The exit code is 2 if a run would fail, and 0 if there are only warnings."""
+    from handbench.bench.validation import inspection
+
+    inspection.show([str(path) for path in options.paths])
+
+
+def reconstruct(options: argparse.Namespace) -> None:
     """Image one frame of a capture by one method; write the depth map (-o) and, with --volume, the
     image volume, both or neither.
     Prints warnings and the number of pixels with a depth."""
-    for file in filter(None, (options.out, options.volume)):
-        free(file, options.overwrite)
+    free(options.overwrite, options.out, options.volume)
     chosen, recorded = method(options.method), open_capture(options.capture)
     values = configured(recorded.about, chosen.id, {}).model_dump(mode="json")
     set_values(values, options.settings, "z.step_m=0.002")
@@ -83,3 +96,37 @@ def _check(
             f"--check: the volume's relative error is {error:.1e}, but expected at most {most:g}; "
             "use --exact, and please report this capture to the authors"
         )
+
+
+def evaluate(options: argparse.Namespace) -> None:
+    """Compare a depth map with a mesh and print the metrics on stdout: as a table on a terminal or
+    with --table, otherwise as JSON, with their definitions only if --json asks for it.
+    Warnings are printed first, on stderr."""
+    free(options.overwrite, options.plot)
+    depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
+    capture = None if options.capture is None else Capture(options.capture)
+    score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
+    values = score.values
+    warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, values)]
+    about: dict[str, Any] = {"method": depth.method}
+    if options.json:
+        about["definitions"] = definitions(values)
+    if transform.refined:
+        about["refined"] = f"{options.transform}: {transform.refined}"
+    for warning in warnings:
+        say(f"{options.depth}: {warning}")
+    if options.plot is not None:
+        from handbench.reports.figures.depth_maps import methods_figure
+        from handbench.reports.figures.style import save
+
+        save(methods_figure([(depth.method, depth.z_m, score.errors)]), options.plot)
+    if options.json or not (options.table or is_terminal(sys.stdout)):
+        print_json(({"warnings": warnings} if warnings else {}) | values | about)
+    else:
+        from handbench.reports.tables.table import of_values
+        from handbench.reports.tables.writers import terminal
+
+        table = of_values(str(options.depth), {depth.method: values}).turned
+        terminal(table, "the output of --json")
+        if transform.refined:
+            print_lines(about["refined"])

@@ -1,44 +1,49 @@
-"""`handbench list`: one line for each method, metric, benchmark, effect, data set and pose, or one
-of them in full."""
+"""`handbench list` and `doctor`: the methods, metrics, benchmarks, effects, data sets and poses
+that are installed, and the parts of this machine."""
 
 import argparse
+import shutil
 import textwrap
-from collections.abc import Iterator
-from shutil import get_terminal_size
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
 from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
+from handbench.groundtruth.cameras import cuda_devices, load_pycolmap
+from handbench.radar.imaging.device import describe
 from handbench.radar.methods.registry import METHODS, Method
 from handbench.radar.simulation.catalogue import EFFECTS
 from handbench.support.config import suggest
+from handbench.support.cost import machine
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import print_lines, print_wrapped
+from handbench.support.rays import load_open3d
+from handbench.support.store import versions
 
 SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
-TERM = 24  # characters before the meaning of a term, which follows a longer one
+TERM = 26  # characters before the meaning of a term, which follows a longer one
 GIGA = 1e9
+WANTED_DISK_GB = 5
+WANTED_MEMORY_GB = 8
 
 
 class Entry(NamedTuple):
-    """One thing in a list. note: printed at the end of its line; details: term → meaning, printed
-    for the entry in full."""
+    """One thing in a list. details: term → meaning, printed for the entry in full."""
 
     name: str
     summary: str
-    note: str = ""
     details: dict[str, str] = {}  # noqa: RUF012  never changed
 
 
-def run(options: argparse.Namespace) -> None:
+def list_entries(options: argparse.Namespace) -> None:
     """Print a line for each entry of all sections or of one, or one entry in full. Raises
     HandbenchError for an entry that the section does not have."""
     for section in [options.section] if options.section else SECTIONS:
         entries = {entry.name: entry for entry in _entries(section)}
         if options.name is None:
-            _print_lines(section, list(entries.values()))
+            _print_lines(section, entries.values())
         elif options.name in entries:
             _print_in_full(entries[options.name])
         else:
@@ -48,16 +53,13 @@ def run(options: argparse.Namespace) -> None:
         print_lines("one of them in full: handbench list methods 3fsk")
 
 
-def _print_lines(section: str, entries: list[Entry]) -> None:
+def _print_lines(section: str, entries: Iterable[Entry]) -> None:
     """Print a section with one line for each entry, cut to the width of the terminal."""
-    name, summary, note = (
-        max(map(len, texts)) for texts in zip(*(e[:3] for e in entries), strict=True)
-    )
-    room = max(min(summary, get_terminal_size().columns - name - note - 6), 1)
+    room = max(shutil.get_terminal_size().columns - TERM - 4, 1)
     print_lines(section)
     for entry in entries:
         text = textwrap.shorten(entry.summary, room, placeholder="…")
-        print_lines(f"  {entry.name:<{name}}  {text:<{room}}  {entry.note}".rstrip())
+        print_lines(f"  {entry.name:<{TERM}}  {text}")
 
 
 def _print_in_full(entry: Entry) -> None:
@@ -71,17 +73,18 @@ def _entries(section: str) -> Iterator[Entry]:
         yield from map(_method, METHODS.values())
     elif section == "metrics":
         for key, definition in definitions().items():
-            yield Entry(key, METRICS[key].title, METRICS[key].unit, {"definition": definition})
+            title, unit = METRICS[key].title, METRICS[key].unit
+            yield Entry(key, f"{title} ({unit})", {"definition": definition})
     elif section == "benchmarks":
         for name, file in embedded_benchmarks().items():
             yield Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "))
     elif section == "effects":
         for effect in EFFECTS:
-            yield Entry(effect.id, effect.does, details={"source": effect.source})
+            yield Entry(effect.id, effect.does, {"source": effect.source})
     elif section == "datasets":
         for name, reader in (FOREIGN | IMPORTERS).items():
             summary = " ".join((reader.__doc__ or "").split()).partition(". ")[0]
-            yield Entry(name, summary, "to import" if name in IMPORTERS else "")
+            yield Entry(name, summary)
     else:
         yield Entry("letters", " ".join(POSES))
 
@@ -92,7 +95,7 @@ def _method(method: Method) -> Entry:
     for key, value in method.defaults.model_dump().items():
         meaning = type(method.defaults).model_fields[key].description or ""
         details[f"{key} = {_toml(value)}"] = meaning
-    return Entry(method.id, method.summary, method.source.split()[0], details)
+    return Entry(method.id, method.summary, details)
 
 
 def _toml(value: Any) -> str:
@@ -104,3 +107,53 @@ def _toml(value: Any) -> str:
     if isinstance(value, float):
         return f"{value / GIGA:g}e9" if value >= GIGA else f"{value:g}"
     return str(value).lower()
+
+
+def doctor(options: argparse.Namespace) -> None:
+    """Print this machine's libraries and parts: each works ("ok"), or has to be seen to ("--")."""
+    facts, free_gb = machine(), shutil.disk_usage(".").free / 1e9
+    memory_gb = facts["memory_gb"]
+    libraries = ", ".join(f"{name} {version}" for name, version in versions().items())
+    _print(True, f"Python {facts['python']}, {libraries}")
+    _print(True, f"processor: {facts['processor']}, {facts['cores']} cores")
+    _print(memory_gb >= WANTED_MEMORY_GB, f"memory: {memory_gb:.0f} GB", "use smaller photographs")
+    _print(free_gb >= WANTED_DISK_GB, f"free disk: {free_gb:.0f} GB", "`make table` needs 5 GB")
+    for part, load in (
+        ("compiled code", _require_cache),
+        ("meshes", load_open3d),
+        ("photographs", load_pycolmap),
+        ("imaging on a GPU", lambda: describe("cuda")),
+        ("photographs on a GPU", _require_cuda),
+    ):
+        try:
+            load()
+            _print(True, part)
+        except HandbenchError as error:
+            _print(False, part, str(error))
+        except (ImportError, OSError) as error:
+            _print(False, part, f"{error}; run `make setup` again")
+
+
+def _print(works: bool, part: str, otherwise: str = "") -> None:
+    """Print whether a part works, and if it does not, what to do."""
+    print_wrapped(f"ok  {part}" if works else f"--  {part}: {otherwise}", "    ")
+
+
+def _require_cache() -> None:
+    """Raise HandbenchError if no folder keeps compiled code from one command to the next."""
+    from handbench.support.compiled import CACHE, COMPILE_S, KEPT
+
+    if KEPT is None:
+        raise HandbenchError(
+            f"no folder for it can be written, so each command compiles for some {COMPILE_S} s; "
+            f"set {CACHE} to one that can"
+        )
+
+
+def _require_cuda() -> None:
+    """Raise HandbenchError if depth maps of photographs cannot be made on a graphics card."""
+    if not cuda_devices():
+        raise HandbenchError(
+            "not found; depth maps take a minute or two per hand on the processor; with an NVIDIA "
+            "card: pip install 'handbench[cuda]'"
+        )
