@@ -1,17 +1,203 @@
-"""Simulated photographs of a scene, by ray casting: diffuse light computed at vertices, solid
-textures, blur and the sensor's noise."""
+"""Simulated photographs of a scene, by ray casting: the surfaces that the cameras see, with solid
+textures; diffuse light with shadows, computed at their vertices; blur and the sensor's noise."""
 
 import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from handbench.bench.scenes.bodies import bodies
 from handbench.bench.scenes.build import Scene
-from handbench.bench.scenes.light import bake
-from handbench.bench.scenes.scene_file import Photos
+from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget, Photos
+from handbench.bench.scenes.stand import PLATE_BOX_M, PLATE_M, TEXEL_M, cuboid, plate_print
+from handbench.bench.scenes.textures import foam, marked_skin, skin, styrodur
+from handbench.calibration.transforms import Transform
 from handbench.groundtruth.cameras import Camera
+from handbench.groundtruth.mesh.surface import mesh
 from handbench.radar.simulation.scene import Choice
-from handbench.support.rays import load_open3d
+from handbench.support.rays import RaycastingScene, load_open3d
+
+# points [n, 3] in the photo frame to reflectance [n, 3]
+Albedo = Callable[[np.ndarray], np.ndarray]
+
+PRINT_BLUR_PX = 0.4  # the print seen through a pixel's footprint
+FRONT_M = 1e-5  # tolerance that separates the plate's front from its rim
+GRID_M = 5e-3  # spacing of the light baked on plate and block
+
+
+@dataclass(frozen=True)
+class PhotoBody:
+    """A surface that the cameras see, in the photo frame.
+
+    vertices_m [n, 3]; faces [m, 3]: triangles of vertex indices; normals [n, 3]: outward unit
+    vectors. albedo: function from points [n, 3] to reflectances [n, 3] (red, green, blue).
+    """
+
+    vertices_m: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    albedo: Albedo
+
+
+def bodies(scene: Scene) -> list[PhotoBody]:
+    """Return the surfaces that the cameras see: target, back plate and, if the scene has one, the
+    block under the forearm."""
+    matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
+    target_from_photo = Transform("photo", "target", matrix)
+    # each texture adds its own small number to it
+    seed = 1000 * (scene.file.seed + 1)
+    texture, plain = _target_texture(scene, seed), partial(styrodur, seed=seed + 200)
+    pixel_m = float(
+        np.median([np.linalg.norm(camera.centre_m) / camera.params[0] for camera in scene.cameras])
+    )
+    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
+    result = [
+        _body(
+            vertices_m,
+            np.asarray(scene.target_mesh.triangles),
+            lambda points_m: texture(target_from_photo.points(points_m)),
+        ),
+        _body(*cuboid(PLATE_BOX_M, GRID_M), _plate_albedo(scene.file.seed, pixel_m, plain)),
+    ]
+    if scene.block_m is not None:
+        result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
+    return result
+
+
+def _target_texture(scene: Scene, seed: int) -> Albedo:
+    """Return the target's reflectance as a function of points [n, 3] in the target's frame: foam
+    for the calibration target, skin for any other target."""
+    target = scene.file.target
+    if isinstance(target, HandTarget):
+        return marked_skin(target.angles, seed, target.build)
+    return partial(foam if isinstance(target, CalibrationTarget) else skin, seed=seed)
+
+
+def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> PhotoBody:
+    surface = mesh(vertices_m, faces)
+    surface.compute_vertex_normals()
+    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo)
+
+
+def _plate_albedo(seed: int, pixel_m: float, plain: Albedo) -> Albedo:
+    """Return the back plate's reflectance as a function of points [n, 3] in the photo frame: the
+    print on its front, the foam `plain` elsewhere.
+
+    seed: of the print. pixel_m: size of a camera's pixel on the plate, by which the print is
+    blurred.
+    """
+    import cv2
+
+    printed = cv2.GaussianBlur(plate_print(seed), (0, 0), PRINT_BLUR_PX * pixel_m / TEXEL_M)
+
+    def albedo(points_m: np.ndarray) -> np.ndarray:
+        # A texel's centre is half a texel inside its edge.
+        places = (points_m[:, :2] * (1, -1) + np.array(PLATE_M) / 2) / TEXEL_M - 0.5
+        column, row = places.astype(np.float32).T
+        grey = np.empty(len(points_m), dtype=np.float32)
+        rows = 16_384  # cv2.remap refuses maps longer than 2^15
+        for i in range(0, len(grey), rows):
+            part = slice(i, i + rows)
+            grey[part] = cv2.remap(
+                printed,
+                column[part, None],
+                row[part, None],
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )[:, 0]
+        reflectance = np.repeat(grey[:, None], 3, axis=1)
+        rim = np.abs(points_m[:, 2]) > FRONT_M
+        reflectance[rim] = plain(points_m[rim])
+        return reflectance
+
+    return albedo
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A lamp: a disc that faces the board.
+
+    centre_m: in the photo frame. irradiance: that of a surface at the board's centre that faces the
+    lamp, divided by π, so that a white surface with irradiance 1 has radiance 1.
+    """
+
+    centre_m: tuple[float, float, float]
+    radius_m: float
+    irradiance: float
+
+    def samples_m(self) -> np.ndarray:
+        """Return points [n, 3] spread evenly over the lamp's disc, in the photo frame, metres."""
+        centre_m = np.array(self.centre_m)
+        z = centre_m / np.linalg.norm(centre_m)
+        x = np.cross([0.0, 1.0, 0.0], z)
+        x /= np.linalg.norm(x)
+        k = np.arange(LAMP_SAMPLES) + 0.5
+        radius_m, angle = self.radius_m * np.sqrt(k / LAMP_SAMPLES), k * np.pi * (3 - np.sqrt(5))
+        u, v = radius_m * np.cos(angle), radius_m * np.sin(angle)
+        return centre_m + u[:, None] * x + v[:, None] * np.cross(z, x)
+
+
+LAMPS = (
+    Lamp((-0.55, 0.75, 0.85), 0.14, 0.62),
+    Lamp((0.85, 0.15, 0.80), 0.18, 0.34),
+    Lamp((0.05, -0.55, 0.95), 0.18, 0.16),
+)
+AMBIENT = 0.30
+LAMP_SAMPLES, SKY_SAMPLES = 24, 128
+SHADOW_OFFSET_M = 2e-4
+
+
+def bake(rays: RaycastingScene, body: PhotoBody) -> np.ndarray:
+    """Compute the light at the n vertices of a body: from the lamps with soft shadows, and ambient
+    light from the directions that no surface hides. rays: ray caster of all bodies. Returns the
+    irradiance [n], divided by π."""
+    origins_m = body.vertices_m + SHADOW_OFFSET_M * body.normals
+    result = np.zeros(len(origins_m))
+    for lamp in LAMPS:
+        samples_m, reach_m = lamp.samples_m(), np.linalg.norm(lamp.centre_m)
+        for lamp_m in samples_m:
+            towards = lamp_m - origins_m
+            distance_m = np.linalg.norm(towards, axis=1)
+            cosine = np.maximum(np.einsum("ij,ij->i", towards, body.normals) / distance_m, 0)
+            falloff = (reach_m / distance_m) ** 2
+            unshadowed = clear(rays, origins_m, towards, cosine > 0)
+            result += lamp.irradiance / len(samples_m) * cosine * falloff * unshadowed
+    open_sky, whole_sky = np.zeros(len(origins_m)), np.zeros(len(origins_m))
+    for direction in _sphere():
+        cosine = np.maximum(body.normals @ direction, 0)
+        whole_sky += cosine
+        open_sky += cosine * clear(
+            rays, origins_m, np.broadcast_to(direction, origins_m.shape), cosine > 0
+        )
+    return result + AMBIENT * open_sky / whole_sky
+
+
+def clear(
+    rays: RaycastingScene, origins_m: np.ndarray, towards: np.ndarray, wanted: np.ndarray
+) -> np.ndarray:
+    """Test for each of n points whether nothing lies between it and a second point.
+
+    origins_m [n, 3]: the points; towards [n, 3]: vectors to the second points. Returns 1.0 [n] for
+    a free path and 0.0 for a blocked one. Only points in the mask wanted [n] are tested; others get
+    0.
+    """
+    tensor = load_open3d().core.Tensor
+    result = np.zeros(len(origins_m))
+    query = np.concatenate([origins_m[wanted], towards[wanted]], axis=1).astype(np.float32)
+    result[wanted] = ~rays.test_occlusions(tensor(query), tfar=1.0).numpy()
+    return result
+
+
+def _sphere() -> np.ndarray:
+    """Return unit directions [SKY_SAMPLES, 3] that are spread evenly over the sphere (a Fibonacci
+    lattice)."""
+    k = np.arange(SKY_SAMPLES)
+    z = 1 - 2 * (k + 0.5) / SKY_SAMPLES
+    angle = k * np.pi * (3 - np.sqrt(5))
+    ring = np.sqrt(1 - z**2)
+    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+
 
 ROOM = 0.03  # radiance of the dark room behind the stand
 EDGE_STEP_M = 1.5e-3  # neighbouring pixels whose distance differs by more see an edge between them
