@@ -96,7 +96,7 @@ def _draw(metric: str, settings: pd.DataFrame, methods: Sequence[DrawnMethod]) -
         f"front_{metric}",
         f"{title} over seconds, with 95 % intervals. Filled points: no other is as good in time, "
         "accuracy and completeness together; faint, hollow points: one is. The line joins those "
-        "that none beats in time and accuracy; the others on the front see more.",
+        "that none beats in time and accuracy; the others on the front show more.",
         f"{title} against time of {len(settings)} settings. On the front, from fast to slow: "
         f"{listed}.",
         picture,

@@ -71,6 +71,8 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
     "#aa4499",
     "#44AA99",
     "#999933",
+    "#8a63d2",
+    "#c0565b",
 )
 MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
 FORMATS = (".png", ".pdf", ".svg")

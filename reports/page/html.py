@@ -86,8 +86,10 @@ def build(folder: str | Path, out: str | Path) -> Path:
     for stem, tables in (("table", every), ("comparisons", tests)):
         if tables:
             write_text(out / f"{stem}.md", "\n".join(map(markdown, tables)))
-            write_text(out / f"{stem}.tex", "\n".join(map(latex, tables)))
-    write_text(out / "column.tex", latex(of_paper(result) or main, COLUMN_PT))
+            write_text(out / f"{stem}.tex", latex(f"tab:{stem}", *tables))
+    write_text(
+        out / "column.tex", latex("tab:column", of_paper(result) or main, width_pt=COLUMN_PT)
+    )
     copyfile(folder / "table.csv", out / "table.csv")
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()

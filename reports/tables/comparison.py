@@ -66,7 +66,7 @@ def write(compared: Compared, folder: Path) -> None:
         write_json(temporary / "compare.json", compared.content())
         text = "\n".join((f"{escaped(head)}\n", *map(markdown, every)))
         write_text(temporary / "compare.md", text)
-        write_text(temporary / "compare.tex", "\n".join(map(latex, every)))
+        write_text(temporary / "compare.tex", latex("tab:compare", *every))
 
 
 def tables(compared: Compared, metrics: Collection[str] = METRICS) -> list[Table]:

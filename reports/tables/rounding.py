@@ -12,21 +12,26 @@ def is_known(figure: float | None) -> TypeGuard[float]:
 
 
 def figure(
-    value: float | None, low: float | None = None, high: float | None = None, unit: str = ""
+    value: float | None,
+    low: float | None = None,
+    high: float | None = None,
+    unit: str = "",
+    places: int | None = None,
 ) -> str:
     """Format a figure followed by its interval, such as "1.23 [1.10, 1.36]". Without a known
-    interval, only the figure is returned; a missing figure is a dash."""
+    interval, only the figure is returned; a missing figure is a dash. places: decimals, if not
+    those of `decimals`."""
     if not is_known(value):
         return NONE
-    places = decimals(value, low, high, unit)
+    places = decimals(value, low, high, unit) if places is None else places
     if not is_known(low) or not is_known(high):
         return number(value, places)
     return f"{number(value, places)} [{number(low, places)}, {number(high, places)}]"
 
 
-def stacked(value: float, low: float, high: float, unit: str) -> str:
+def stacked(value: float, low: float, high: float, unit: str, places: int | None = None) -> str:
     """Format a figure for a table: `figure`, with its interval on a line of its own."""
-    return figure(value, low, high, unit).replace(" ", "\n", 1)
+    return figure(value, low, high, unit, places).replace(" ", "\n", 1)
 
 
 def decimals(value: float, low: float | None, high: float | None, unit: str) -> int:
@@ -53,10 +58,14 @@ def number(value: float | None, places: int) -> str:
     return f"{value:.{places}f}".replace("-", "−") if is_known(value) else NONE
 
 
+def paper_places(unit: str) -> int:
+    """Return the number of decimals with which the paper prints a figure."""
+    return 1 if unit == "mm" else 2
+
+
 def paper(value: float | None, unit: str) -> str:
-    """Format a figure of the paper with as many decimals as the paper prints: one for millimetres,
-    two for other units."""
-    return number(value, 1 if unit == "mm" else 2)
+    """Format a figure with as many decimals as the paper prints."""
+    return number(value, paper_places(unit))
 
 
 def p_text(p: float | None) -> str:

@@ -7,13 +7,22 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from handbench.bench.evaluation.front import SHARE, front, ranked
 from handbench.bench.evaluation.front import figures as front_figures
-from handbench.bench.evaluation.front import front, ranked
 from handbench.bench.evaluation.intervals import counted
 from handbench.bench.evaluation.metrics import METRICS, TREATMENTS, Values, chosen, on_common_pixels
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.result_folder import Result, best
-from handbench.reports.tables.rounding import NONE, figure, is_known, number, p_text, paper, stacked
+from handbench.reports.tables.rounding import (
+    NONE,
+    figure,
+    is_known,
+    number,
+    p_text,
+    paper,
+    paper_places,
+    stacked,
+)
 
 AGAINST = {
     "photogrammetry": "against photogrammetry",
@@ -97,8 +106,10 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
 def _cell(line: Any) -> str:
     """Return a figure, in further lines its interval and the paper's figure.
     line: with value, low, high, unit and, except under equal treatment, paper."""
-    text = stacked(line.value, line.low, line.high, line.unit)
     theirs = getattr(line, "paper", None)
+    # percentages are all as the paper's, of which one has two decimals
+    places = paper_places(line.unit) if METRICS[line.metric].paper and line.unit == "%" else None
+    text = stacked(line.value, line.low, line.high, line.unit, places)
     return f"{text}\npaper {paper(theirs, line.unit)}" if is_known(theirs) else text
 
 
@@ -125,21 +136,25 @@ def every_figure(result: Result) -> list[Table]:
 
 def of_paper(result: Result) -> Table | None:
     """Return the table of the paper: for each main metric and method of which it has figures, ours
-    and in brackets the paper's. None if it has none."""
+    and in brackets the paper's, with the paper's digits. None if it has none."""
     lines = main_lines(result, chosen("main"))
     known = lines[lines.paper.notna()]
     if known.empty:
         return None
     lines = lines[lines.metric.isin(known.metric) & lines.method.isin(known.method)]
-    table = figures(result, lines).turned
-    small_print = r"\n(?:\[.*?\]\n)?paper (\S+)"
-    texts = table.texts.rename_axis(None).replace(small_print, r" (\1)", regex=True)
-    return Table(f"{table.caption}: ours (paper)", texts)
+    texts: dict[str, dict[str, str]] = {}
+    for line in each(lines):
+        theirs = f" ({paper(line.paper, line.unit)})" if is_known(line.paper) else ""
+        row = texts.setdefault(f"{result.title(line.metric)} ({line.unit})", {})
+        row[result.about.method_titles[line.method]] = paper(line.value, line.unit) + theirs
+    against = AGAINST[lines.reference.iloc[0]].capitalize()
+    table = pd.DataFrame.from_dict(texts, orient="index").fillna(NONE)
+    return Table(f"{against}: ours (paper)", table)
 
 
 def best_of_ours(result: Result, count: int) -> Table | None:
     """Return the main figures of those methods without figures of the paper that no other method
-    beats in error, time and share seen: at most `count`, the most accurate. None if there are
+    beats in error, time and completeness: at most `count`, the most accurate. None if there are
     none."""
     lines = main_lines(result)
     measured = front_figures(lines)
@@ -184,7 +199,7 @@ def settings(metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Tab
         name: {
             "front": numbers.get(name) or f"({numbers[line.dominated_by]})",
             f"{title} ({unit})": stacked(line.error, line.low, line.high, unit),
-            "observed (%)": figure(line.observed_percent, unit="%"),
+            f"{METRICS[SHARE[metric]].title} (%)": figure(line.share_percent, unit="%"),
             "time (s)": stacked(line.seconds, line.seconds_low, line.seconds_high, "s"),
         }
         for name, line in pd.concat([unbeaten, lines[~lines.on_front]]).iterrows()

@@ -5,6 +5,7 @@ import re
 import unicodedata
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from textwrap import fill
 
 import jinja2
@@ -100,15 +101,23 @@ def html(table: Table) -> Markup:
     return Markup(HTML.render(table=table))
 
 
-def latex(table: Table, width_pt: float = PAGE_PT) -> str:
-    """Return a table as LaTeX floats, as many as are needed for its columns.
-    width_pt: at most COLUMN_PT for one column of a page with two. The document needs no package and
-    any encoding: characters outside ASCII are written as commands."""
+def latex(label: str, *tables: Table, width_pt: float = PAGE_PT) -> str:
+    """Return tables as LaTeX floats, as many as are needed for their columns.
+    label: of the float, "tab:column" for instance; several are numbered, "tab:table-1". width_pt:
+    at most COLUMN_PT for one column of a page with two. The document needs no package and any
+    encoding: characters outside ASCII are written as commands."""
+    parts = [part for table in tables for part in _parts(table, width_pt)]
+    labels = [f"{label}-{number}" for number in range(1, len(parts) + 1)] if parts[1:] else [label]
+    return "\n".join(map(partial(_float, width_pt), labels, parts))
+
+
+def _parts(table: Table, width_pt: float) -> list[Table]:
+    """Return a table as several that are each narrow enough for a float."""
     texts, numbers = range(table.left), range(table.left, table.texts.shape[1])
     texts_pt = (1 + table.left) * (TEXT_PT + GAP_PT)
     abreast = int((width_pt - texts_pt) // (NUMBER_PT + GAP_PT))
     parts = np.array_split(numbers, max(-(-len(numbers) // abreast), 1))
-    return "\n".join(_float(_part(table, [*texts, *part]), width_pt) for part in parts)
+    return [_part(table, [*texts, *part]) for part in parts]
 
 
 def _part(table: Table, columns: list[int]) -> Table:
@@ -116,7 +125,7 @@ def _part(table: Table, columns: list[int]) -> Table:
     return replace(table, texts=table.texts.iloc[:, columns])
 
 
-def _float(table: Table, width_pt: float) -> str:
+def _float(width_pt: float, label: str, table: Table) -> str:
     """Return a table as one LaTeX float."""
     texts, numbers = 1 + table.left, table.texts.shape[1] - table.left
     text_pt = (width_pt - numbers * (NUMBER_PT + GAP_PT)) / texts - GAP_PT
@@ -136,7 +145,7 @@ def _float(table: Table, width_pt: float) -> str:
 \providecommand{{\toprule}}{{\hline}}\providecommand{{\midrule}}{{\hline}}
 \providecommand{{\bottomrule}}{{\hline}}
 \centering\footnotesize\setlength{{\tabcolsep}}{{{GAP_PT / 2}pt}}
-\caption{{{tex(table.caption)}}}\smallskip
+\caption{{{tex(table.caption)}}}\label{{{label}}}\smallskip
 \begin{{tabular}}{{@{{}}{columns}@{{}}}}
 \toprule
 {head}

@@ -39,8 +39,13 @@ def test_every_table_compiles_and_fits_the_page_and_one_column(titles, tmp_path)
     methods = tuple(method.model_copy(update={"title": title}) for method, title in named)
     result = replace(result, about=result.about.model_copy(update={"methods": methods}))
     shown = [*table.every_figure(result), table.of_paper(result), table.differences(result)]
-    texts = [writers.latex(*item) for item in product(shown, (writers.PAGE_PT, writers.COLUMN_PT))]
-    texts += map(writers.latex, comparison.tables(compare_results(result, result)))
+    texts = [
+        writers.latex(f"tab:{number}", each, width_pt=width_pt)
+        for number, (each, width_pt) in enumerate(
+            product(shown, (writers.PAGE_PT, writers.COLUMN_PT))
+        )
+    ]
+    texts.append(writers.latex("tab:b", *comparison.tables(compare_results(result, result))))
     ieee = subprocess.run(["kpsewhich", "IEEEtran.cls"], capture_output=True).stdout
     start = r"\documentclass[twocolumn]{article}\textwidth516pt\columnsep12pt"
     start = r"\documentclass[journal]{IEEEtran}" if ieee else start
@@ -52,6 +57,7 @@ def test_every_table_compiles_and_fits_the_page_and_one_column(titles, tmp_path)
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, timeout=600)
     assert done.returncode == 0, done.stdout.decode("latin-1")[-1500:]
     assert titles is HOSTILE or "Overfull" not in (tmp_path / "paper.log").read_text("latin-1")
+    assert "multiply" not in (tmp_path / "paper.log").read_text("latin-1")  # defined labels
     assert "/etc/passwd" not in (tmp_path / "paper.fls").read_text("utf-8")
 
 

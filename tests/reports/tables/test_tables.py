@@ -4,6 +4,7 @@ when they change."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from handbench.reports.tables.rounding import figure
 from handbench.reports.tables.writers import html, latex, markdown
 from tests.golden_files import RESULT
 
-WRITERS = {"md": markdown, "tex": latex, "html": html}
+WRITERS = {"md": markdown, "tex": partial(latex, "tab:each"), "html": html}
 
 
 def judged(p: float) -> Result:
