@@ -5,8 +5,10 @@ No mistake is certain. All checks take little time compared with the hours that 
 
 Conjugation is tested without a reference. A coarse image is made of the echoes as they are, and one
 of their conjugates; the sharper one is taken as right, by Σ|I|⁴ / (Σ|I|²)² (Muller & Buffington, J.
-Opt. Soc. Am. 64 (1974) 1200). The order of antennas and tones is tested with a surface: a corrected
-capture must bring the strongest pixels of the depth map much nearer to it.
+Opt. Soc. Am. 64 (1974) 1200). If none is, the middle of a scan is imaged, with voxels as small as
+its focus, and what is nearer than the scan is wide among them. The order of antennas and tones is
+tested with a surface: a corrected capture must bring the strongest pixels of the depth map much
+nearer to it.
 """
 
 from collections import defaultdict
@@ -37,7 +39,7 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.plan import fresh_plans
-from handbench.radar.methods.evidence import frame_problems
+from handbench.radar.methods.evidence import frame_problems, shortest_m
 from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
@@ -59,6 +61,7 @@ POSITIONS = 200
 TONES = 16
 # an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
+MIDDLE = 6.0  # wavelengths from the middle of a scan to the edge of the part that is imaged
 # the box imaged, in apertures: to either side, and along z from and to
 WIDE = 0.85
 NEAR = 1.0
@@ -160,14 +163,32 @@ def conjugation_warnings(capture: RadarCapture) -> Iterator[str]:
     *across_m, deep_m = np.ptp(places_m(capture), axis=0)
     if not capture.samples[0].any() or deep_m > SHALLOW * max(across_m):
         return
-    conjugated = replace(capture, samples=capture.samples.conj())
-    sharper_db = sharpness_db(conjugated) - sharpness_db(capture)
-    if sharper_db >= SHARPER_DB:
-        yield (
-            f"the image of the conjugated echoes is {sharper_db:.0f} dB sharper; if the target is "
-            f'within {FAR * max(across_m):.2g} m, conjugate the samples (sign = "+" in a '
-            'mapping.toml, time = "-jwt" in echoes.h5)'
-        )
+    for part in _parts(capture):
+        sharper_db = sharpness_db(replace(part, samples=part.samples.conj())) - sharpness_db(part)
+        if sharper_db >= SHARPER_DB:
+            farthest_m = FAR * np.ptp(places_m(part), axis=0).max()
+            yield (
+                f"the image of the conjugated echoes is {sharper_db:.0f} dB sharper; if the target "
+                f'is within {farthest_m:.2g} m, conjugate the samples (sign = "+" in a '
+                'mapping.toml, time = "-jwt" in echoes.h5)'
+            )
+        if abs(sharper_db) >= SHARPER_DB:
+            return
+
+
+def _parts(capture: RadarCapture) -> Iterator[RadarCapture]:
+    """Yield a capture and, of a scan, the channels at most MIDDLE wavelengths beside the stop that
+    is next to its middle."""
+    yield capture
+    aperture = capture.aperture
+    if isinstance(aperture, AntennaArray):
+        return
+    stops_m = (aperture.tx_m + aperture.rx_m) / 2
+    middle_m = stops_m[np.linalg.norm(stops_m - stops_m.mean(axis=0), axis=1).argmin()]
+    near = (np.abs(stops_m - middle_m) <= MIDDLE * shortest_m(capture)).all(axis=1)
+    if not near.all():
+        part = replace(aperture, tx_m=aperture.tx_m[near], rx_m=aperture.rx_m[near])
+        yield replace(capture, samples=capture.samples[..., near], aperture=part)
 
 
 def step_warnings(capture: RadarCapture) -> Iterator[str]:
@@ -192,16 +213,24 @@ def order_warnings(
     as_is_mm: float,
 ) -> Iterator[str]:
     """Yield a warning if the image of a capture is much nearer to its surface with transmitters and
-    receivers exchanged, or with the tones in reverse order. image: makes a depth map of a capture;
-    as_is_mm: `error_mm` without correction."""
+    receivers or x and y exchanged, or with the tones in reverse order. image: makes a depth map of
+    a capture; as_is_mm: `error_mm` without correction."""
     array = capture.aperture
-    reverse = replace(capture, samples=capture.samples[:, ::-1])
-    cure = "reverse frequencies_hz, or the frequency axis of the samples"
-    corrections = [("the tones in reverse order", cure, reverse)]
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
-        exchanged = replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
+        turned, places_m = "tx and rx", (array.rx_m, array.tx_m)
         cure = "exchange tx_m and rx_m, or these axes of the samples"
-        corrections.append(("tx and rx exchanged", cure, exchanged))
+    else:
+        turned, places_m = "x and y", (array.tx_m[:, [1, 0, 2]], array.rx_m[:, [1, 0, 2]])
+        cure = "exchange these columns of the positions"
+    exchanged = replace(array, tx_m=places_m[0], rx_m=places_m[1])
+    corrections = (
+        (
+            "the tones in reverse order",
+            "reverse frequencies_hz, or the frequency axis of the samples",
+            replace(capture, samples=capture.samples[:, ::-1]),
+        ),
+        (f"{turned} exchanged", cure, replace(capture, aperture=exchanged)),
+    )
     for mistake, cure, corrected in corrections:
         imaged = image(corrected)
         mended_mm = np.inf if imaged is None else error_mm(imaged[0], surface)

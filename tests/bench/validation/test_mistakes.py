@@ -97,6 +97,13 @@ def cut(echoes: np.ndarray) -> np.ndarray:
     return echoes * written.reshape(echoes.shape)
 
 
+def turned(capture: RadarCapture) -> RadarCapture:
+    """Without the last receiver: else the exchange of Tx and Rx would mend it, too."""
+    array = AntennaArray(capture.aperture.tx_m, capture.aperture.rx_m[:-1])
+    fewer = replace(capture, samples=capture.samples[..., :-1], aperture=array)
+    return placed(ONE[[1, 0, 2]])(fewer)
+
+
 LOUD = np.where(np.arange(10) == 7, 18.0, 1.0)[:, None, None]
 ECHOES = {
     "no imaginary part": (samples(np.real), "imaginary"),
@@ -110,6 +117,7 @@ ECHOES = {
     "nothing": (lambda capture: capture, None),
     "tones": (tones(TONES_HZ[::-1]), "reverse frequencies_hz"),
     "swapped": (swapped, "exchange tx_m and rx_m"),
+    "x and y": (turned, "exchange these columns"),
     "millimetres": (placed(1e3 * ONE), "1e-3"),
     "centimetres": (placed(1e2 * ONE), "wavelengths"),
     "one antenna": (placed_apart, "-1.128"),
@@ -165,6 +173,15 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     for capture in (columns, scan, one):
         [text] = conjugation_warnings(conjugate(capture))
         assert list(conjugation_warnings(capture)) == [] and "conjugate" in text
+
+
+def test_what_is_nearer_than_a_scan_is_wide_has_a_sign():
+    points_m = np.array([(0, 0, 0.1), (0.03, 0.02, 0.14), (-0.04, 0.01, 0.2)])
+    places_m = np.mgrid[-0.12:0.12:25j, -0.12:0.12:25j, 0:1].reshape(3, -1).T
+    scan = AntennaPairs(places_m, places_m)
+    capture = exact_capture(points_m, BANDS_HZ["26 GHz"][::2], array=scan)
+    [text] = conjugation_warnings(conjugate(capture))
+    assert "within 0.96 m" in text  # eight times the middle, at most 12 wavelengths wide
 
 
 def test_a_scan_s_wrong_step_is_told_by_the_bend_of_its_point():
