@@ -29,16 +29,16 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from handbench.bench.results.about import Failure
-from handbench.bench.stages.reconstruct import read_times
-from handbench.support.cost import Cost, machine
+from handbench.support.cost import Cost
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
 from handbench.support.progress import Work, say
 from handbench.support.store import Stage, cached, code_key
 
-if TYPE_CHECKING:  # an extra
+if TYPE_CHECKING:  # an extra, and what takes a second to import, which other processes do without
     from distributed import Client
+
+    from handbench.bench.results.about import Failure
 
 MOST = 4  # processes: a table has about as many long chains
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
@@ -59,12 +59,11 @@ class ProcessExecutor(ProcessPoolExecutor):
         shares = [cores[n::count] for n in range(count)]
         begin = (shares, context.Value("i", 0), os.getpid(), scratch)
         super().__init__(count, context, begin_process, begin)
-        self._machine = machine()  # measured while nothing else runs
 
     def submit(self, function: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Queue a call of the function in the next idle process, and return its future."""
         with script_left_out():
-            return super().submit(function, *args, facts=self._machine, **kwargs)
+            return super().submit(function, *args, **kwargs)
 
 
 class WorkersLostError(HandbenchError):
@@ -101,11 +100,10 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_exception(error)
 
 
-def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
+def elsewhere(root: Path, stage: Stage) -> tuple[Cost, bool]:
     """Carry out a stage in a worker process, as `cached` does.
-    root: folder of all stages. facts: of this machine (None: they are measured here). Raises
-    HandbenchError if the worker does not see this folder, or has other versions of handbench or of
-    its libraries."""
+    root: folder of all stages. Raises HandbenchError if the worker does not see this folder, or has
+    other versions of handbench or of its libraries."""
     if not root.is_dir():
         raise HandbenchError(
             f"{root}: this machine does not have the result folder; put it on a disk that all "
@@ -117,7 +115,7 @@ def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> 
             "the client; install the same versions on both"
         )
     with _ALONE:
-        return cached(root, stage, facts)
+        return cached(root, stage)
 
 
 def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple[Cost, bool]]:
@@ -296,6 +294,8 @@ class Engine:
 
     def _record(self, stage: Stage, cost: Cost, cached: bool) -> None:
         """Record what a stage cost."""
+        from handbench.bench.stages.reconstruct import read_times
+
         host, times = cost.machine.get("host", ""), read_times(stage.folder(self.work))
         self.machines.setdefault(host, cost.machine)
         self.tasks.append(
@@ -310,7 +310,6 @@ class Engine:
                 "cached": cached,
                 "plan_seconds": times.get("plan_seconds"),
                 "host": host,
-                "gemm_gflops": cost.machine.get("gemm_gflops"),
                 "others_cores": cost.others_cores,
             }
         )
@@ -327,6 +326,8 @@ class Engine:
 
 def failure_of(error: HandbenchError, capture: str, stage: str, method: str = "") -> Failure:
     """Print and return a failure; method is "" if the capture fails for all methods."""
+    from handbench.bench.results.about import Failure
+
     failure = Failure(capture=capture, method=method, stage=stage, message=str(error))
     say(failure.line)
     return failure

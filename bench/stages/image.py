@@ -10,6 +10,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.evidence import frames_with_echoes, require_evidence
@@ -139,3 +140,14 @@ def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Me
     base = method_id.partition("-")[0]
     asked = {**of_sensor.get(base, {}), **of_sensor.get(method_id, {})}
     return chosen.configure({**asked, **config}, f"method '{method_id}'")
+
+
+def image_point(method_id: str, config: dict[str, Any]) -> None:
+    """Image a point 0.3 m in front of the built-in array by a method. The plan of the image, which
+    depends on the geometry alone, is kept for later ones, and the kernels are compiled."""
+    array, chosen = qar50(), method(method_id)
+    settings = chosen.configure(config, f"method '{method_id}'")
+    legs_m = [np.linalg.norm(leg.position_m - (0.0, 0.0, 0.3), axis=1) for leg in array.legs]
+    turns = np.multiply.outer(settings.frequencies_hz / SPEED_OF_LIGHT_M_S, np.add.outer(*legs_m))
+    samples = np.exp(-2j * np.pi * turns).astype(np.complex64)
+    chosen.run(RadarCapture(samples[None], settings.frequencies_hz, array), settings, 0)

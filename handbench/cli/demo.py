@@ -3,6 +3,7 @@ and one picture."""
 
 import argparse
 from importlib.metadata import version
+from importlib.resources import files
 from pathlib import Path
 from statistics import median
 
@@ -11,6 +12,7 @@ from handbench.support.files import write_text
 from handbench.support.progress import print_lines, say
 
 METHODS = ("2fsk", "3fsk", "narrowband", "broadband")
+HAND = files("handbench.bench.benchmarks") / "demo_hand.toml"
 SCENE, CAPTURE, PICTURE = "hand.toml", "capture", "demo.png"
 TOLERANCE = 1e-3  # of the images: a hundredth of what the methods' errors are
 
@@ -20,11 +22,36 @@ def demo(options: argparse.Namespace) -> None:
     true surface and draw them, all in one folder (-o).
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
     capture is used again."""
-    from handbench.bench.benchmarks.benchmark_file import EMBEDDED
+    from handbench.bench.run.engine import executor
+    from handbench.interface import simulate
+
+    folder: Path = options.out
+    _claim(folder, HAND.read_text("utf-8"))
+    if (capture := folder / CAPTURE).exists():  # which appears whole or not at all
+        say(f"{capture}: exists already and is used again")
+    else:
+        with executor(2) as processes:
+            assert processes is not None
+            simulated = processes.submit(simulate, folder / SCENE, capture)
+            _rehearse()
+            simulated.result()
+    _image_and_score(folder)
+
+
+def _rehearse() -> None:
+    """Do what needs no echoes: plan the images, compile kernels, and import what draws."""
+    import handbench.reports.figures.depth_maps  # noqa: F401
+    from handbench.bench.stages.image import image_point
+
+    for id in METHODS:
+        image_point(id, {"tolerance": TOLERANCE})
+
+
+def _image_and_score(folder: Path) -> None:
+    """Image the capture in a folder by all methods, score and draw their depth maps, and print the
+    table."""
     from handbench.bench.datasets.native import TRUTH
-    from handbench.bench.datasets.simulated import simulate_capture
     from handbench.bench.evaluation.metrics import Values, chosen
-    from handbench.bench.scenes.build import load_scene
     from handbench.bench.stages.reconstruct import Imager
     from handbench.interface import Depth
     from handbench.radar.methods.registry import titles
@@ -34,13 +61,7 @@ def demo(options: argparse.Namespace) -> None:
     from handbench.reports.tables.writers import notes, terminal
     from handbench.support.cost import machine
 
-    folder: Path = options.out
     capture, truth = folder / CAPTURE, folder / CAPTURE / TRUTH
-    _claim(folder, (EMBEDDED / "demo_hand.toml").read_text("utf-8"))
-    if capture.exists():  # which appears whole or not at all
-        say(f"{capture}: exists already and is used again")
-    else:
-        simulate_capture(load_scene(folder / SCENE), capture)
     shown = []
     rows: dict[str, Values] = {}
     for id in METHODS:

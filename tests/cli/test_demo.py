@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from handbench.bench.benchmarks import benchmark_file
 from handbench.bench.scenes.scene_file import SceneFile
 from handbench.cli import demo
 from handbench.cli.main import main, parser
 from handbench.radar.methods.registry import METHODS
 
 NEXT = ["reconstruct", "evaluate", "simulate", "list"]
-SCENE = benchmark_file.EMBEDDED / "demo_hand.toml"
+SCENE = demo.HAND
 
 
 @pytest.fixture
@@ -27,10 +26,9 @@ def small(tmp_path, monkeypatch):
     text = re.sub(
         "sweep = .*\ntones_hz = .*", "sweep = []\ntones_hz = [82e9, 81.8e9, 79.5e9]", text
     )
-    (tmp_path / "embedded").mkdir()
-    (tmp_path / "embedded" / SCENE.name).write_text(text, "utf-8")
+    (tmp_path / SCENE.name).write_text(text, "utf-8")
     (tmp_path / "here").mkdir()
-    monkeypatch.setattr(benchmark_file, "EMBEDDED", tmp_path / "embedded")
+    monkeypatch.setattr(demo, "HAND", tmp_path / SCENE.name)
     monkeypatch.setattr(demo, "METHODS", ("2fsk", "3fsk"))
     monkeypatch.chdir(tmp_path / "here")
     return tmp_path / "here" / "handbench-demo"
