@@ -9,6 +9,7 @@ import numpy as np
 
 from handbench.bench.scenes.bones import forearm_direction
 from handbench.bench.scenes.scene_file import (
+    BUILT_IN_ARRAY,
     AnyTarget,
     CalibrationTarget,
     DihedralTarget,
@@ -24,6 +25,7 @@ from handbench.calibration.target import Target, default_target, load_target
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.cameras import Camera
 from handbench.groundtruth.mesh.surface import read_mesh
+from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.support.config import load
 from handbench.support.errors import HandbenchError
 from handbench.support.files import inside
@@ -45,10 +47,11 @@ class Scene:
     and upper corner, in the photo frame, of the box to which reconstructions are cropped; it
     contains the target without plate and block. block_m [2, 3]: corners of the block under a hand's
     forearm in the photo frame (None: no block; there is one only if the forearm points down).
-    folder: folder of the files that the scene file refers to.
+    array: the radar's antennas. folder: folder of the files that the scene file refers to.
     """
 
     file: SceneFile
+    array: AntennaArray
     target_mesh: TriangleMesh  # radar frame
     radar_from_target: Transform
     radar_from_photo: Transform
@@ -80,6 +83,7 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     behind the plane of the antennas, or too close to the back plate.
     """
     folder, target = Path(folder), None
+    array = antenna_array(file.sensor.array, folder)  # before what takes time
     if isinstance(file.target, CalibrationTarget):
         described = file.target.file
         target = (
@@ -118,8 +122,26 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     aim_m = np.array([0.0, 0.0, file.target.distance_m])
     cameras = rig(file.photos, aim_m, radar_from_photo, file.seed) if file.photos else ()
     return Scene(
-        file, surface, radar_from_target, radar_from_photo, cameras, box_m, folder, block_m, target
+        file,
+        array,
+        surface,
+        radar_from_target,
+        radar_from_photo,
+        cameras,
+        box_m,
+        folder,
+        block_m,
+        target,
     )
+
+
+def antenna_array(name: str, folder: Path) -> AntennaArray:
+    """Return the built-in antenna array, or that in a folder next to the scene file (tx_m.csv and
+    rx_m.csv)."""
+    if name == BUILT_IN_ARRAY:
+        return qar50()
+    place = inside(folder, name, f"sensor.array (built in: {BUILT_IN_ARRAY})")
+    return AntennaArray(load_positions(place / "tx_m.csv"), load_positions(place / "rx_m.csv"))
 
 
 def _surface(spec: AnyTarget, target: Target | None, folder: Path) -> TriangleMesh:

@@ -8,15 +8,13 @@ import numpy as np
 from handbench.bench.scenes.bones import palmar
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.hand import SkinnedHand
-from handbench.bench.scenes.scene_file import BUILT_IN_ARRAY, CalibrationTarget, HandTarget
+from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
 from handbench.bench.scenes.stand import PLATE_BOX_M, cuboid
-from handbench.radar.data.arrays import AntennaArray, load_positions, qar50
 from handbench.radar.simulation.ablation import explain
 from handbench.radar.simulation.catalogue import choose
 from handbench.radar.simulation.effects.motion import frame_starts, surface_m, velocity_m_s
 from handbench.radar.simulation.scene import Ball, Body, Choice, EchoScene, Roughness
 from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
-from handbench.support.files import inside
 
 ROOM_STEP_M = 5e-3
 
@@ -49,7 +47,7 @@ def echo_scene(scene: Scene) -> EchoScene:
     if len(different_hz) < len(sensor.frequencies_hz):
         order = np.arange(len(sensor.frequencies_hz))
     return EchoScene(
-        array=antenna_array(scene),
+        array=scene.array,
         frequencies_hz=sensor.frequencies_hz[order],
         time_s=order * sensor.step_time_s,
         target=_target(scene),
@@ -126,13 +124,3 @@ def _room(scene: Scene) -> tuple[Body, ...]:
         Body(scene.radar_from_photo.points(v), faces, reflectivity_db=reflectivity_db)
         for v, faces in grids
     )
-
-
-def antenna_array(scene: Scene) -> AntennaArray:
-    """Return the scene's antenna array: the built-in one, or that in a folder next to the scene
-    file (tx_m.csv and rx_m.csv)."""
-    name = scene.file.sensor.array
-    if name == BUILT_IN_ARRAY:
-        return qar50()
-    folder = inside(scene.folder, name, f"sensor.array (built in: {BUILT_IN_ARRAY})")
-    return AntennaArray(load_positions(folder / "tx_m.csv"), load_positions(folder / "rx_m.csv"))

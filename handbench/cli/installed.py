@@ -5,9 +5,10 @@ import argparse
 import shutil
 import textwrap
 from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import NamedTuple
 
-from handbench.bench.benchmarks.benchmark_file import embedded_benchmarks
+from handbench.bench.benchmarks.benchmark_file import BenchFile, embedded_benchmarks
 from handbench.bench.datasets.dataset import FOREIGN, IMPORTERS
 from handbench.bench.evaluation.metrics import METRICS, definitions
 from handbench.bench.scenes.hand_pose import POSES
@@ -15,7 +16,7 @@ from handbench.groundtruth.cameras import cuda_devices, load_pycolmap
 from handbench.radar.imaging.device import describe
 from handbench.radar.methods.registry import METHODS, Method
 from handbench.radar.simulation.catalogue import EFFECTS
-from handbench.support.config import suggest
+from handbench.support.config import inline_toml, load, suggest
 from handbench.support.cost import machine
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import print_lines, print_wrapped
@@ -24,7 +25,6 @@ from handbench.support.store import versions
 
 SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
 TERM = 26  # characters before the meaning of a term, which follows a longer one
-GIGA = 1e9
 WANTED_DISK_GB = 5
 WANTED_MEMORY_GB = 8
 
@@ -77,7 +77,8 @@ def _entries(section: str) -> Iterator[Entry]:
             yield Entry(key, f"{title} ({unit})", {"definition": definition})
     elif section == "benchmarks":
         for name, file in embedded_benchmarks().items():
-            yield Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "))
+            summary = file.read_text("utf-8").partition("\n")[0].removeprefix("# ")
+            yield Entry(name, summary, _contents(file))
     elif section == "effects":
         for effect in EFFECTS:
             yield Entry(effect.id, effect.does, {"source": effect.source})
@@ -89,24 +90,23 @@ def _entries(section: str) -> Iterator[Entry]:
         yield Entry("letters", " ".join(POSES))
 
 
+def _contents(file: Path) -> dict[str, str]:
+    """Return what a benchmark file holds: its captures and its methods."""
+    bench = load(BenchFile, file, "a benchmark description")
+    scenes = (Path(source.scene or source.path or "").stem for source in bench.capture)
+    return {
+        "captures": ", ".join(dict.fromkeys(scenes)),
+        "methods": ", ".join(dict.fromkeys(entry.label for entry in bench.method)),
+    }
+
+
 def _method(method: Method) -> Entry:
     """Return the entry of a method, whose details are its parameters with their defaults."""
     details = {"source": method.source}
     for key, value in method.defaults.model_dump().items():
         meaning = type(method.defaults).model_fields[key].description or ""
-        details[f"{key} = {_toml(value)}"] = meaning
+        details[f"{key} = {inline_toml(value)}"] = meaning
     return Entry(method.id, method.summary, details)
-
-
-def _toml(value: Any) -> str:
-    """Return a parameter's value as one writes it in a benchmark file, with tones as 82e9."""
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml(part)}' for key, part in value.items())} }}"
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, float):
-        return f"{value / GIGA:g}e9" if value >= GIGA else f"{value:g}"
-    return str(value).lower()
 
 
 def doctor(options: argparse.Namespace) -> None:
@@ -118,7 +118,7 @@ def doctor(options: argparse.Namespace) -> None:
     _print(True, f"processor: {facts['processor']}, {facts['cores']} cores")
     _print(memory_gb >= WANTED_MEMORY_GB, f"memory: {memory_gb:.0f} GB", "use smaller photographs")
     _print(free_gb >= WANTED_DISK_GB, f"free disk: {free_gb:.0f} GB", "`make table` needs 5 GB")
-    for part, load in (
+    for part, works in (
         ("compiled code", _require_cache),
         ("meshes", load_open3d),
         ("photographs", load_pycolmap),
@@ -126,7 +126,7 @@ def doctor(options: argparse.Namespace) -> None:
         ("photographs on a GPU", _require_cuda),
     ):
         try:
-            load()
+            works()
             _print(True, part)
         except HandbenchError as error:
             _print(False, part, str(error))

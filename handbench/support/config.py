@@ -2,6 +2,7 @@
 mistyped key, the nearest known one is suggested."""
 
 import difflib
+import json
 import re
 import reprlib
 import tomllib
@@ -24,6 +25,7 @@ from handbench.support.files import (
 )
 
 ConfigT = TypeVar("ConfigT", bound="Config")
+GIGA = 1e9
 SMALLEST = 1e-30  # of a number's size
 LARGEST = 1e30
 MOST_PROBLEMS = 1000  # of one table
@@ -178,6 +180,17 @@ def plain_toml(text: str) -> dict[str, Any]:
     if LONG_KEY.search(text):
         raise ValueError("a key has too many parts (32 or more, separated by points)")
     return require_shallow(tomllib.loads(text))
+
+
+def inline_toml(value: Any) -> str:
+    """Write a value as TOML does in one line, with frequencies as 82e9."""
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {inline_toml(each)}' for key, each in value.items())} }}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(inline_toml, value))}]"
+    if isinstance(value, float) and value >= GIGA and float(f"{value / GIGA}e9") == value:
+        return f"{value / GIGA:.12g}e9"
+    return json.dumps(value)
 
 
 def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:

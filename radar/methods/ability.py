@@ -3,7 +3,6 @@ methods for these tones."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from typing import Any
 
@@ -19,6 +18,7 @@ from handbench.radar.methods.evidence import (
 )
 from handbench.radar.methods.fsk import ENOUGH
 from handbench.radar.methods.settings import MethodSettings
+from handbench.support.config import inline_toml
 from handbench.support.errors import HandbenchError
 
 LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
@@ -92,12 +92,6 @@ def methods_of_tones(capture: RadarCapture, settings: dict[str, MethodSettings])
             allowed.append(id)
         except HandbenchError:
             if own := measured.get(id):
-                yield f"{id} needs, in capture.toml: methods.{id} = {_toml(own)}"
-    yield f"methods that its tones allow: {', '.join(allowed) or 'none'}"
-
-
-def _toml(value: Any) -> str:
-    """Write a value as TOML does in one line."""
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml(each)}' for key, each in value.items())} }}"
-    return json.dumps(value)
+                yield f"{id} needs, in capture.toml: methods.{id} = {inline_toml(own)}"
+    if allowed:
+        yield f"methods that its tones allow as they are: {', '.join(allowed)}"

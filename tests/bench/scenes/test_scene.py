@@ -131,6 +131,11 @@ def test_capture_folder(tmp_path: Path) -> None:
     assert len(read_mesh(tmp_path / "truth.ply").triangles) == len(scene.target_mesh.triangles)
 
 
+def test_a_broken_array_is_refused_before_anything_is_simulated(tmp_path: Path) -> None:
+    (tmp_path / "tx_m.csv").write_text("x,y,z\n0,0,0\n")
+    refuse(lambda: built(BALL, tmp_path, sensor={"array": "."}), "tx_m.csv")
+
+
 @pytest.mark.parametrize("target", [BALL | {"offset_m": [0.02, 0.0]}, TARGET])
 def test_a_moving_target_has_one_truth_a_frame_with_velocities(
     target: dict, tmp_path: Path
