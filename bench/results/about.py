@@ -65,14 +65,16 @@ def metric_facts() -> dict[str, MetricFacts]:
 class CaptureFacts(Config):
     """One capture of a result.
     measures: "accuracy" (its depths are compared with `references`, pixel by pixel), "precision"
-    (scatter of the depths over repeated frames), or both. effects: for a simulated capture, each
-    simulated effect with its size and cost, and whether it was on."""
+    (scatter of the depths over repeated frames), or both. own_mesh: whether the reference
+    "photogrammetry" is the capture's own mesh.ply. effects: for a simulated capture, each simulated
+    effect with its size and cost, and whether it was on."""
 
     name: Name
     measures: tuple[Measure, ...] = MEASURES
     pose: str | None = None
     distance_m: float | None = None
     references: tuple[Reference, ...] = ()
+    own_mesh: bool = False
     effects: tuple[dict[str, Any], ...] = ()
 
 

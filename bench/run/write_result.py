@@ -192,10 +192,12 @@ def capture_facts(outcome: RunOutcome, captures: Iterable[RunCapture]) -> tuple[
             measures=capture.measures,
             pose=capture.about.pose,
             distance_m=capture.about.distance_m,
-            references=outcome.references.get(capture.name, ()),
+            references=references,
+            own_mesh=MEASURED in references and capture.name not in outcome.meshes,
             effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
         )
         for capture in captures
+        for references in [outcome.references.get(capture.name, ())]
     )
 
 

@@ -71,7 +71,7 @@ def tradeoff(options: argparse.Namespace) -> None:
     result = runner.run(bench, base, options.out, options.overwrite, command=command)
     for metric, ranked in ranked_methods(result).items():
         best = ranked[ranked.on_front | ranked.on_own_front]
-        terminal(settings(metric, best, {}), f"{options.out}/report")
+        terminal(settings(result, metric, best, {}), f"{options.out}/report")
     for picture in pictures(result):
         save(picture.figure, options.out / f"{picture.stem}.png")
     print_lines(f"report: {build(options.out, options.out / 'report')}")

@@ -35,7 +35,7 @@ from handbench.reports.figures.style import (
     time_text,
 )
 from handbench.reports.tables.rounding import figure as rounded
-from handbench.reports.tables.table import AGAINST
+from handbench.reports.tables.table import against
 
 COLOURS = f"{SIGNED}. Line: outline of the reference."
 MOST_FRAMES = 48  # of a film; a longer sequence is shown at evenly spaced frames
@@ -68,7 +68,9 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         truth = result.surface(capture.name, reference)
         maps.insert(0, ("ground truth", truth))
         errors = _errors(result, capture, reference)
-        below = f"; below them their errors {AGAINST[reference]}: {COLOURS}{floor_note(result)}"
+        below = (
+            f"; below them their errors {against(result, reference)}: {COLOURS}{floor_note(result)}"
+        )
     photo = result.photo(capture.name)
     titles = ", ".join(title for title, _ in maps) + ", photograph" * bool(photo)
     return Picture(
@@ -85,9 +87,9 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     errors = _errors(result, capture, reference)
     return Picture(
         f"error_{capture.name}__{reference}",
-        f"Capture {capture.name}: signed errors {AGAINST[reference]}: {COLOURS}"
+        f"Capture {capture.name}: signed errors {against(result, reference)}: {COLOURS}"
         f"{floor_note(result)}",
-        f"Error maps of capture {capture.name} {AGAINST[reference]}. {_text(errors)}",
+        f"Error maps of capture {capture.name} {against(result, reference)}. {_text(errors)}",
         sheet([errors]),
     )
 

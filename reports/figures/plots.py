@@ -25,7 +25,7 @@ from handbench.reports.figures.style import (
     styled,
     whiskers,
 )
-from handbench.reports.tables.table import AGAINST
+from handbench.reports.tables.table import AGAINST, against
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 
@@ -69,7 +69,7 @@ def error_of_captures(result: Result) -> Picture:
     its 95 % interval, with one panel for each reference."""
     lines = _first_frames(result)
     captures, shown = lines.capture.unique().tolist(), methods(result)
-    drawn = {r: AGAINST[r] for r in DRAWN if (lines.reference == r).any()}
+    drawn = {r: against(result, r) for r in DRAWN if (lines.reference == r).any()}
     wide_in = 1.4 + 0.32 * max(len(shown), 4)
     figure, axes = charts(drawn, "", f"{result.title(HEADLINE)} in mm", wide_in)
     for reference, axis in axes.items():
@@ -96,8 +96,8 @@ def error_distributions(result: Result) -> Picture:
     """Plot the cumulative distribution of each method's errors, with one panel for each reference
     surface: the share in % of the observed pixels of all captures whose |z − z_ref| is at most the
     value on the x axis."""
-    against = {r: AGAINST[r] for r in drawn_references(result.scored())}
-    figure, axes = charts(against, "|z − z_ref| in mm", "pixels in %")
+    drawn = {r: against(result, r) for r in drawn_references(result.scored())}
+    figure, axes = charts(drawn, "|z − z_ref| in mm", "pixels in %")
     percent = np.linspace(0, 100, 401)
     for reference, axis in axes.items():
         captures = [c.name for c in result.scored() if reference in c.references]
@@ -164,8 +164,8 @@ def error_over_frames(result: Result) -> Picture:
     reference."""
     lines = _errors_of_maps(result)
     lines = lines[lines.capture.isin(lines.capture[lines.frame > 0])]
-    against = {r: AGAINST[r] for r in DRAWN if (lines.reference == r).any()}
-    figure, axes = charts(against, "frame", f"{result.title(HEADLINE)} in mm")
+    drawn = {r: against(result, r) for r in DRAWN if (lines.reference == r).any()}
+    figure, axes = charts(drawn, "frame", f"{result.title(HEADLINE)} in mm")
     for reference, axis in axes.items():
         for method in methods(result):
             mine = lines[(lines.method == method.name) & (lines.reference == reference)]

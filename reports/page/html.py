@@ -113,7 +113,9 @@ def build(folder: str | Path, out: str | Path) -> Path:
             note=NOTE,
             every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
-            settings=[settings(*ranked, titles) for ranked in ranked_methods(result).items()],
+            settings=[
+                settings(result, *ranked, titles) for ranked in ranked_methods(result).items()
+            ],
             tests=tests,
             details=sections.details(result),
             **shared,

@@ -16,7 +16,7 @@ from handbench.bench.results.result_folder import Result
 from handbench.reports.figures import layers
 from handbench.reports.figures.style import drawn_references, methods
 from handbench.reports.page.rendering import image, render
-from handbench.reports.tables.table import AGAINST
+from handbench.reports.tables.table import against
 from handbench.support.errors import HandbenchError
 
 # of one surface at most: of a finer one every second, third, … row and column is shown
@@ -25,8 +25,8 @@ LEVELS = 65_535  # a depth is one of so many steps between the capture's nearest
 COLOURS = 65  # samples of each colour scale
 STILL_PX = 3  # pixels of the still picture for one of the map, each way
 
-# name, title, surface, and by reference the signed errors [ny, nx] in metres
-Part = tuple[str, str, SurfaceMap, dict[str, np.ndarray]]
+# name, title, surface, and by reference the signed errors [ny, nx] in metres, and against what
+Part = tuple[str, str, SurfaceMap, dict[str, tuple[np.ndarray, str]]]
 
 
 def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
@@ -35,11 +35,14 @@ def scene(result: Result, capture: CaptureFacts) -> dict[str, Any] | None:
     nothing was observed."""
     references = drawn_references([capture])
     parts: list[Part] = [
-        (name, AGAINST[name], result.surface(capture.name, name), {}) for name in references
+        (name, against(result, name), result.surface(capture.name, name), {}) for name in references
     ]
     for method in methods(result):
         surface = result.surface(capture.name, method.name)
-        errors = {r: result.errors(capture.name, method.name, r).error_m for r in references}
+        errors = {
+            r: (result.errors(capture.name, method.name, r).error_m, against(result, r))
+            for r in references
+        }
         parts.append((method.name, method.title, surface, errors))
     return _scene(capture.name, references, parts)
 
@@ -101,7 +104,7 @@ def _surface(
     name: str,
     title: str,
     surface: SurfaceMap,
-    errors: dict[str, np.ndarray],
+    errors: dict[str, tuple[np.ndarray, str]],
     low_mm: float,
     step_mm: float,
 ) -> dict[str, Any]:
@@ -125,9 +128,9 @@ def _surface(
         "errors": {
             reference: {
                 "colours": _base64(_colour_numbers(error_m[inside][seen])),
-                "note": f"{layers.mean_text(error_m)} {AGAINST[reference]}",
+                "note": f"{layers.mean_text(error_m)} {words}",
             }
-            for reference, error_m in errors.items()
+            for reference, (error_m, words) in errors.items()
         },
     }
 

@@ -10,7 +10,7 @@ import pandas as pd
 from handbench.bench.results.about import MethodFacts
 from handbench.bench.results.result_folder import Result
 from handbench.reports.tables.rounding import NONE, figure
-from handbench.reports.tables.table import AGAINST, Table
+from handbench.reports.tables.table import Table, against
 
 Content = Table | str | Mapping[str, Any]  # a table, preformatted text, or facts by their names
 EFFECT_SIZES = {  # of a simulated effect: its heading and unit
@@ -71,14 +71,15 @@ def effects(result: Result) -> list[Content]:
 
 def uncertainty(result: Result) -> list[Content]:
     """Return what the result says about the uncertainty of the ground truth: σ along z of the
-    photogrammetric mesh and of its registration, for each capture; the residuals of the
+    measured mesh and of its registration, for each capture; the residuals of the
     registration on the calibration target; and for each reference surface a table that shows
     whether the methods' predicted σ is right."""
     budgets, residuals_mm, at_hand_mm = (result.about.facts.get(name) for name in UNCERTAINTY)
     content: list[Content] = []
     if budgets:
-        caption = "σ of the photogrammetric reference along z, root mean square over its pixels"
-        sigmas = pd.DataFrame(budgets).T.rename_axis("capture")
+        caption = "σ of the measured reference along z, root mean square over its pixels"
+        sigmas = pd.DataFrame(budgets).T.drop(columns="unknown", errors="ignore")
+        sigmas = sigmas.rename_axis("capture")
         sigmas.columns = sigmas.columns.str.replace("_mm", " (mm)")
         content.append(Table(caption, sigmas.map(_mm)))
     if residuals_mm:
@@ -94,7 +95,9 @@ def uncertainty(result: Result) -> list[Content]:
         shares = lines.pivot(index="method", columns="nominal_percent", values="observed_percent")
         texts = shares.loc[lines.method.unique()].map(lambda share: figure(share, unit="%"))
         texts.columns = [f"nominal {percent} %" for percent in shares]
-        caption = f"Share of the errors inside the intervals of σ, {AGAINST[str(reference)]}"
+        caption = (
+            f"Share of the errors inside the intervals of σ, {against(result, str(reference))}"
+        )
         content.append(Table(caption, texts.rename(result.about.method_titles)))
     return content
 

@@ -12,7 +12,7 @@ from handbench.bench.evaluation.tables import DIFFERENCES, each
 from handbench.bench.evaluation.tables import write as write_csv
 from handbench.bench.results.compare_results import Compared
 from handbench.reports.tables.rounding import NONE, figure, p_text
-from handbench.reports.tables.table import AGAINST, Table
+from handbench.reports.tables.table import Table, against
 from handbench.reports.tables.writers import escaped, latex, markdown, terminal
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
@@ -80,7 +80,7 @@ def tables(compared: Compared, metrics: Collection[str] = METRICS) -> list[Table
         for line in each(means[means.reference.isin((reference, ""))]):
             cells.setdefault(f"{line.metric_title} ({line.unit})", {})[line.method] = _cell(line)
         texts = pd.DataFrame(cells).fillna(NONE).rename(compared.a.about.method_titles)
-        caption = f"A → B {AGAINST[reference]} (*: shown to differ)"
+        caption = f"A → B {against(compared.a, reference)} (*: shown to differ)"
         of_references.append(Table(caption, texts.rename_axis("method")))
     return of_references
 

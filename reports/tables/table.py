@@ -42,6 +42,14 @@ NOTE = (
 )
 
 
+def against(result: Result, reference: str) -> str:
+    """Return against what the figures of a reference are, such as "against the true surface"; ""
+    for no reference."""
+    captures = [capture for capture in result.about.captures if reference in capture.references]
+    own = reference == "photogrammetry" and any(capture.own_mesh for capture in captures)
+    return "against mesh.ply" if own else AGAINST.get(reference, "")
+
+
 @dataclass(frozen=True)
 class Table:
     """A table of texts, as every writer prints it.
@@ -99,8 +107,8 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
             line.method: stars.get(line.method, "") + _cell(line) for line in each(of_metric)
         }
     titles = pd.DataFrame(texts).fillna(NONE).rename(result.about.method_titles)
-    against = AGAINST.get(next(iter(lines.reference), ""), "")
-    return Table(against.capitalize(), titles.rename_axis("method"))
+    caption = against(result, next(iter(lines.reference), ""))
+    return Table(caption[:1].upper() + caption[1:], titles.rename_axis("method"))
 
 
 def _cell(line: Any) -> str:
@@ -147,9 +155,9 @@ def of_paper(result: Result) -> Table | None:
         theirs = f" ({paper(line.paper, line.unit)})" if is_known(line.paper) else ""
         row = texts.setdefault(f"{result.title(line.metric)} ({line.unit})", {})
         row[result.about.method_titles[line.method]] = paper(line.value, line.unit) + theirs
-    against = AGAINST[lines.reference.iloc[0]].capitalize()
+    caption = f"A{against(result, lines.reference.iloc[0])[1:]}: ours (paper)"
     table = pd.DataFrame.from_dict(texts, orient="index").fillna(NONE)
-    return Table(f"{against}: ours (paper)", table)
+    return Table(caption, table)
 
 
 def best_of_ours(result: Result, count: int) -> Table | None:
@@ -188,7 +196,7 @@ def differences(result: Result, main: bool = False) -> Table:
     return Table(caption, pd.DataFrame(texts).set_axis(lines.sentence.tolist()), left=1)
 
 
-def settings(metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Table:
+def settings(result: Result, metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Table:
     """Return the ranked settings of methods or of the ground truth: first the front, numbered as in
     its picture, then the others, each with the number of the one that beats it in brackets.
     metric: that of the error; titles: name → title (missing: the name itself)."""
@@ -205,5 +213,5 @@ def settings(metric: str, lines: pd.DataFrame, titles: Mapping[str, str]) -> Tab
         for name, line in pd.concat([unbeaten, lines[~lines.on_front]]).iterrows()
     }
     cells = pd.DataFrame.from_dict(texts, orient="index").rename(titles).rename_axis("setting")
-    against = AGAINST.get(next(iter(lines.reference)), "")
-    return Table(f"{title} {against} over time; (n): beaten by setting n of the front", cells)
+    reference = against(result, next(iter(lines.reference)))
+    return Table(f"{title} {reference} over time; (n): beaten by setting n of the front", cells)

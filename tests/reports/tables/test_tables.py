@@ -13,7 +13,7 @@ from handbench.bench.evaluation.tables import COMPARISONS, frame
 from handbench.bench.results.result_folder import Result, load
 from handbench.cli.benchmarks import show_result
 from handbench.reports.figures.fronts import ranked_methods
-from handbench.reports.page import summary
+from handbench.reports.page import sections, summary
 from handbench.reports.tables import table as tables
 from handbench.reports.tables.rounding import figure
 from handbench.reports.tables.writers import html, latex, markdown
@@ -42,7 +42,7 @@ def test_tables_have_every_figure_its_interval_the_papers_and_stars(kind, golden
     shown = [summary.main_table(result), *tables.every_figure(result), tables.of_paper(result)]
     shown += [tables.differences(result, main) for main in (True, False)]
     ranked = ranked_methods(result).items()
-    shown += [tables.settings(*item, result.about.method_titles) for item in ranked]
+    shown += [tables.settings(result, *item, result.about.method_titles) for item in ranked]
     golden("\n".join(map(WRITERS[kind], shown)), f"tables.{kind}")
 
 
@@ -50,6 +50,18 @@ def test_without_a_test_no_figure_has_a_star_and_without_the_papers_no_table():
     result = judged(0.2)
     assert "★" not in markdown(tables.every_figure(result)[1])
     assert tables.of_paper(replace(result, table=result.table.assign(paper=float("nan")))) is None
+
+
+def test_a_mesh_of_the_captures_own_is_named_and_its_uncertainty_may_be_unknown():
+    result = load(RESULT)
+    captures = tuple(c.model_copy(update={"own_mesh": True}) for c in result.about.captures)
+    budget = {"mesh_mm": None, "registration_mm": 0.1, "together_mm": None, "unknown": ["mesh"]}
+    facts = {"groundtruth_sigma_rms": {captures[0].name: budget}}
+    about = result.about.model_copy(update={"captures": captures, "facts": facts})
+    result = replace(result, about=about)
+    assert summary.main_table(result).caption == "Against mesh.ply"
+    [sigmas, *_] = sections.uncertainty(result)
+    assert sigmas.texts.to_numpy().tolist() == [["–", "0.10", "–"]]
 
 
 @pytest.mark.parametrize("columns", [40, 80])
