@@ -313,7 +313,7 @@ def _complex(read: Read, entry: ComplexMapping, counts: dict[str, int]) -> np.nd
         values, axes = real + 1j * imag, tuple(axis for axis in axes if axis != RE_IM)
     if values.dtype.kind != "c":
         raise HandbenchError(
-            f"'{name}' has values of type {values.dtype}; expected complex numbers; name the data "
+            f"'{name}' has {_kind(values)}; expected complex numbers; name the data "
             'sets of both parts (real, imag), or the axis "re_im"'
         )
     values = values.transpose([axes.index(axis) for axis in ORDER if axis in axes])
@@ -338,8 +338,14 @@ def _shape(
 def _real(name: str, values: np.ndarray) -> np.ndarray:
     """Return real numbers as double precision; raises HandbenchError for other values."""
     if values.dtype.kind not in "iuf":
-        raise HandbenchError(f"'{name}' has values of type {values.dtype}; expected real numbers")
+        raise HandbenchError(
+            f"'{name}' has {_kind(values)}; expected real numbers; name another data set"
+        )
     return values.astype(np.float64)
+
+
+def _kind(values: np.ndarray) -> str:
+    return "text" if values.dtype.kind in "SU" else f"values of type {values.dtype}"
 
 
 def _wrong(name: str, values: np.ndarray, expected: str) -> HandbenchError:

@@ -56,8 +56,8 @@ def read_named(folder: Path, text: str, file: str | None, skip_lines: int) -> np
             values = values[tuple(_slice(word) for word in index[1].split(","))]
         if not values.dtype.hasobject:
             return values
-        values = values.astype(complex)  # cells of text
-        return values if values.imag.any() else values.real
+        numbers = np.array([_number(cell) for cell in values.flat]).reshape(values.shape)
+        return numbers if numbers.imag.any() else numbers.real
     except HandbenchError:
         raise
     except Exception as error:  # the errors of SciPy's and NumPy's parsers have no common base
@@ -66,6 +66,17 @@ def read_named(folder: Path, text: str, file: str | None, skip_lines: int) -> np
             f"{path}: '{text[:200]}' cannot be read ({reason}); correct mapping.toml, or save the "
             "file again"
         ) from error
+
+
+def _number(cell: str) -> complex:
+    """Parse a cell of a table of text. Raises ValueError for anything but a number."""
+    try:
+        return complex(cell)
+    except ValueError:
+        raise ValueError(
+            f"its cell '{cell}' is no number; write numbers with a point, or leave lines out by "
+            "skip_lines"
+        ) from None
 
 
 def _slice(word: str) -> int | slice:

@@ -29,11 +29,18 @@ WHAT = "adc_data.bin and a .cfg, the chirp profile"
 # to the left and down. AWR1843BOOST has no unit: TI takes half a wavelength of the chirp. sign: -1
 # for a receiver that is fed from the other side.
 BOARDS = Path(__file__).with_name("ti_boards.csv")
-# commands of a .cfg, first those that are read once; and those that may be left out
-COMMANDS = (
-    *("dfeDataOutputMode", "lvdsStreamCfg", "adcbufCfg", "channelCfg", "adcCfg", "frameCfg"),
-    *("profileCfg", "chirpCfg"),
-)
+# the numbers that a command of a .cfg has at least; six commands that are read once come first
+COMMANDS = {
+    "dfeDataOutputMode": 1,
+    "lvdsStreamCfg": 4,
+    "adcbufCfg": 4,
+    "channelCfg": 1,
+    "adcCfg": 2,
+    "frameCfg": 4,
+    "profileCfg": 11,
+    "chirpCfg": 8,
+}
+# of commands that may be left out
 USUAL = ("adcbufCfg -1 0 0 1 1", "lvdsStreamCfg -1 0 1 0", "dfeDataOutputMode 1")
 CHIRPS = 512  # that a frame may have
 Antenna = Annotated[int, Field(ge=1, le=4)]
@@ -113,8 +120,10 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
 
 
 def is_ti_raw(folder: Path) -> bool:
-    """True for a folder with samples in .bin files and a chirp profile."""
-    return any(folder.glob("*.bin")) and any(folder.glob("*.cfg"))
+    """True for a folder with samples in .bin files and a chirp profile, or with the file of samples
+    that a DCA1000 makes."""
+    profiled = any(folder.glob("*.bin")) and any(folder.glob("*.cfg"))
+    return profiled or any(folder.glob("adc_data*.bin"))
 
 
 def read_raw(source: Path, settings: dict[str, Any]) -> tuple[ChirpProfile, np.ndarray]:
@@ -126,8 +135,10 @@ def read_raw(source: Path, settings: dict[str, Any]) -> tuple[ChirpProfile, np.n
     """
     profiles = sorted(source.glob("*.cfg"))
     if len(profiles) != 1:
-        names = ", ".join(path.name for path in profiles) or "none"
-        raise HandbenchError(f"{source}: has {names}; expected one .cfg file, the chirp profile")
+        names = ", ".join(path.name for path in profiles) or "no .cfg file"
+        raise HandbenchError(
+            f"{source}: has {names}; expected one, the chirp profile that was sent to the radar"
+        )
     profile = parse(ChirpProfile, _read_cfg(profiles[0]) | settings, str(profiles[0]))
     samples = _decode(_read_content(source), profile, source)
     return profile, samples
@@ -234,10 +245,12 @@ def _read_cfg(path: Path) -> dict[str, Any]:
     try:
         for line in (*USUAL, *read_text(path, WHAT, CSV_BYTES).split("\n")):
             name, *words = line.split("%")[0].split() or [""]
+            if len(words) < (least := COMMANDS.get(name, 0)):
+                raise ValueError(f"'{line}' has {len(words)} numbers; expected {least}")
             if name in COMMANDS:
                 lines.setdefault(name, []).append([*map(float, words)])
         return _fields(lines)
-    except (ValueError, LookupError, OverflowError) as error:
+    except (ValueError, OverflowError) as error:
         raise HandbenchError(
             f"{path}: is not a chirp profile that handbench reads ({error}); expected the commands "
             "as they were sent to the radar"
@@ -246,11 +259,10 @@ def _read_cfg(path: Path) -> dict[str, Any]:
 
 def _fields(lines: dict[str, list[list[float]]]) -> dict[str, Any]:
     """Return the fields of a `ChirpProfile`. lines: command → the numbers of each of its lines.
-    Raises ValueError for a mode that handbench cannot read, and LookupError where a number
-    misses."""
+    Raises ValueError for a mode that handbench cannot read."""
     if missing := [name for name in COMMANDS if name not in lines]:
         raise ValueError(f"it has no {missing[0]}")
-    mode, stream, buffer, receivers, adc, frame = (lines[name][-1] for name in COMMANDS[:6])
+    mode, stream, buffer, receivers, adc, frame = (lines[name][-1] for name in [*COMMANDS][:6])
     first, final = map(int, frame[:2])
     chirps = [
         chirp

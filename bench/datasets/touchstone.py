@@ -106,4 +106,7 @@ def _table(text: str) -> "pd.DataFrame":
     table = pd.read_csv(StringIO(text), usecols=COLUMNS, dtype=dict.fromkeys(PLACES, float))
     if table.empty:
         raise ValueError("it lists no file")
+    if (missing := table.isna().to_numpy()).any():
+        row, column = np.argwhere(missing)[0]
+        raise ValueError(f"line {row + 2} has no {table.columns[column]}")
     return table.astype({"file": str})

@@ -103,7 +103,7 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
             raise HandbenchError(f"--set: is '{setting}'; expected KEY=VALUE, such as {example}")
         try:
             place[leaf] = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+        except ValueError:  # no TOML, or a number that is too long
             place[leaf] = text
 
 

@@ -167,6 +167,7 @@ def test_a_scan_in_text_with_lines_and_columns_of_words(tmp_path):
         ("frequencies", {"dataset": "../f.csv"}, "../f.csv"),
         ("frequencies", {"dataset": "f.csv:g"}, "'g'"),
         ("frequencies", {"dataset": "text.mat:f"}, ".txt"),
+        ("frequencies", {"dataset": "units.csv"}, "'5GHz'"),
         ("frequencies", {"dataset": "two.npy"}, "two.npy"),
         ("frequencies", {"dataset": "7.mat:text"}, "'7.mat:text'"),
         ("frequencies", {"dataset": "cut.mat:text"}, "cut.mat"),
@@ -180,6 +181,7 @@ def test_what_does_not_fit_is_refused(tmp_path, monkeypatch, table, change, plac
     savemat(tmp_path / "large.mat", {"xr": np.zeros(2**14)}, do_compression=True)
     (tmp_path / "cut.mat").write_bytes((tmp_path / "7.mat").read_bytes()[:150])
     (tmp_path / "f.csv").write_text("f\n1\n2\n")
+    (tmp_path / "units.csv").write_text("f\n1\n5GHz\n")
     (tmp_path / "text.mat").write_text("1")
     with (tmp_path / "two.npy").open("wb") as file:
         np.save(file, [1.0]), np.save(file, [2.0])

@@ -129,7 +129,8 @@ def test_a_boards_own_files(tmp_path):
     ("old", "new", "place"),
     [
         ("profileCfg", "% profileCfg", "profile.cfg"),
-        ("0 0 30", "0 0 x", "profile.cfg"),
+        ("0 0 30", "0 0 6,5", "'6,5'"),
+        ("1 8 2047 0 0 30", "1", "expected 11"),
         ("OutputMode 1", "OutputMode 3", "dfeDataOutputMode"),
         ("0 0 0 0 0 4", "0 0 0 0 0 5", "one transmitter"),
         ("chirpCfg 1 1 0", "chirpCfg 1 1 1", "profileCfg"),
@@ -151,4 +152,4 @@ def test_a_recording_that_is_there_twice_is_refused(tmp_path):
     refuse(lambda: import_ti_raw(tmp_path, tmp_path / "out"), *files)
     assert files[1] in str(*inspect(str(tmp_path)).lines)
     (tmp_path / "profile.cfg").unlink()
-    assert "ti-raw" in str(*inspect(str(tmp_path)).lines)
+    assert "no .cfg file" in str(*inspect(str(tmp_path)).lines)
