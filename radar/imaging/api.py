@@ -17,7 +17,7 @@ from handbench.radar.data.arrays import Aperture, positions, tones
 from handbench.radar.data.capture import largest_part
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging import cpu, gpu
-from handbench.radar.imaging.device import Array, current_device, to_host
+from handbench.radar.imaging.device import Array, current_device, strongest_voxels, to_host
 from handbench.radar.imaging.plan import (
     COARSER,
     REUSED,
@@ -134,7 +134,7 @@ def project_volume(
     _check_samples(samples, frequencies_hz, aperture)
     if tolerance is None:
         volume = image_volume(samples, frequencies_hz, aperture, grid, None)
-        exact: tuple[np.ndarray, np.ndarray] = cpu.strongest(volume.real.copy(), volume.imag.copy())
+        exact: tuple[np.ndarray, np.ndarray] = strongest_voxels(volume.real, volume.imag)
         return exact
     plan = _grid_plan(frequencies_hz, aperture, grid, Family(tolerance, False))
     peaks: tuple[np.ndarray, np.ndarray] = _engine().project(

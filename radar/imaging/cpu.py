@@ -12,11 +12,11 @@ import numpy as np
 
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.boxes import BLOCK, gather, radiate, to_child, to_parent
+from handbench.radar.imaging.device import strongest_voxels
 from handbench.radar.imaging.exact import exact_images as exact_images
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.steering import restore_carrier
 from handbench.radar.imaging.tree import Node, Step
-from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each, one_blas_thread
 
 Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
@@ -124,40 +124,9 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: np.ndarray) -> tuple[np.nd
     magnitude = np.empty((3, *shape), np.float32)
 
     def keep(_: int, rows: slice, re: np.ndarray, im: np.ndarray) -> None:
-        index[rows], magnitude[:, rows] = strongest(re, im)
+        index[rows], magnitude[:, rows] = strongest_voxels(re, im)
 
     _upsample(plan, nodes, images, keep)
-    return index, magnitude
-
-
-@njit(**FAST)
-def strongest(re, im):  # type: ignore[no-untyped-def]
-    """Find the strongest voxel along z for each pixel of a volume with real and imaginary parts re,
-    im [nz, ny, nx], float32: (its index along z [ny, nx], magnitudes of the voxel before it, of
-    itself and of the voxel behind it [3, ny, nx], NaN beyond the volume)."""
-    nz, ny, nx = re.shape
-    index, magnitude = np.empty((ny, nx), np.int64), np.empty((3, ny, nx), np.float32)
-    best, where = np.empty(nx, np.float32), np.empty(nx, np.int32)
-    for j in range(ny):
-        best[:] = -1
-        where[:] = 0
-        for k in range(nz):
-            for i in range(nx):
-                power = re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
-                first = power > best[i]
-                where[i] = np.int32(k) if first else where[i]
-                best[i] = power if first else best[i]
-        for i in range(nx):
-            index[j, i] = where[i]
-            magnitude[1, j, i] = np.sqrt(best[i])
-            for side in (0, 2):
-                k = where[i] + side - 1
-                if 0 <= k < nz:
-                    magnitude[side, j, i] = np.sqrt(
-                        re[k, j, i] * re[k, j, i] + im[k, j, i] * im[k, j, i]
-                    )
-                else:
-                    magnitude[side, j, i] = np.nan
     return index, magnitude
 
 

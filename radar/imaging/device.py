@@ -1,8 +1,8 @@
 """The device that computes images: the processor's cores (cpu), a CUDA device by CuPy (cuda), or
 numpy (numpy), which runs the code for CUDA devices without one, for tests.
 
-Phases and distances are array code for either array module (argument `xp`: numpy or cupy). The
-device is a setting of the whole process, in the environment variable HANDBENCH_DEVICE: worker
+Phases, distances and maxima are array code for either array module (argument `xp`: numpy or cupy).
+The device is a setting of the whole process, in the environment variable HANDBENCH_DEVICE: worker
 threads see it and child processes inherit it. The command line sets it from --device.
 """
 
@@ -138,3 +138,16 @@ def distances(
     [3, …] of these."""
     x, y, z = ((p - a) ** 2 for p, a in zip(points_m, antennas_m, strict=True))
     return xp.sqrt(x + y + z)
+
+
+def strongest_voxels(re: Array, im: Array, xp: ModuleType = np) -> tuple[Array, Array]:
+    """Find the strongest voxel along z for each pixel of a complex volume O [nz, ny, nx], argmax_z
+    |O|, with the array module xp (numpy or cupy): (its index along z [ny, nx], magnitudes |O| of
+    the voxel before it, of itself and of the voxel behind it [3, ny, nx], NaN beyond the volume).
+    """
+    power = re**2 + im**2
+    index, last = power.argmax(axis=0), len(power) - 1
+    around = xp.stack([index - 1, index, index + 1])
+    magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
+    magnitude[(around < 0) | (around > last)] = np.nan
+    return index, magnitude

@@ -20,7 +20,15 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, Aperture, array_legs
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.device import BLOCK_BYTES, Array, array_module, cis, distances, to_host
+from handbench.radar.imaging.device import (
+    BLOCK_BYTES,
+    Array,
+    array_module,
+    cis,
+    distances,
+    strongest_voxels,
+    to_host,
+)
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
 from handbench.radar.imaging.tree import NodeStack, stack
 from handbench.support.parallel import for_each
@@ -245,24 +253,11 @@ def project(plan: GridPlan, nodes: VoxelGrid, images: Array) -> tuple[np.ndarray
     at the nodes, on the device, give by interpolation, without storing the volume: (index,
     magnitude) as of `strongest_voxels`, on the host."""
     parts = [
-        [to_host(part) for part in strongest_voxels(voxels, array_module())]
+        [to_host(part) for part in strongest_voxels(voxels.real, voxels.imag, array_module())]
         for _, voxels in _upsampled(plan, nodes, images[0])
     ]
     index, magnitude = zip(*parts, strict=True)
     return np.concatenate(index), np.concatenate(magnitude, axis=1)
-
-
-def strongest_voxels(volume: Array, xp: ModuleType = np) -> tuple[Array, Array]:
-    """Find the strongest voxel along z for each pixel of a complex volume O [nz, ny, nx], argmax_z
-    |O|, with the array module xp (numpy or cupy): (its index along z [ny, nx], magnitudes |O| of
-    the voxel before it, of itself and of the voxel behind it [3, ny, nx], NaN beyond the volume).
-    """
-    power = volume.real**2 + volume.imag**2
-    index, last = power.argmax(axis=0), len(power) - 1
-    around = xp.stack([index - 1, index, index + 1])
-    magnitude = xp.sqrt(xp.take_along_axis(power, xp.clip(around, 0, last), axis=0))
-    magnitude[(around < 0) | (around > last)] = np.nan
-    return index, magnitude
 
 
 def _upsampled(plan: GridPlan, nodes: VoxelGrid, image: Array) -> Iterator[tuple[slice, Array]]:

@@ -111,30 +111,18 @@ def phasor(path_m: np.ndarray, frequency_hz: np.ndarray | float, sign: int) -> n
     return np.exp(sign * 2j * np.pi * np.asarray(frequency_hz) * path_m / SPEED_OF_LIGHT_M_S)
 
 
-@njit(**FAST)
-def steered_differences(  # type: ignore[no-untyped-def]
-    antennas_m, turns_per_m, points_m, centre_m
-):
-    """Compute the phase factors exp(j2πf(|p − a| − |c − a|)/c₀) for points p [n, 3], antennas a [m,
-    3] and the centre c [3]: float32 [2n, m], real parts above imaginary parts. turns_per_m [n]:
-    f/c₀ of the tone of each point."""
-    n_points, n_antennas = len(points_m), len(antennas_m)
-    out = np.empty((2 * n_points, n_antennas), np.float32)
-    at_centre = np.empty(n_antennas)
-    for a in range(n_antennas):
-        dx, dy, dz = (
-            centre_m[0] - antennas_m[a, 0],
-            centre_m[1] - antennas_m[a, 1],
-            centre_m[2] - antennas_m[a, 2],
-        )
-        at_centre[a] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    for p in range(n_points):
-        for a in range(n_antennas):
-            dx, dy = points_m[p, 0] - antennas_m[a, 0], points_m[p, 1] - antennas_m[a, 1]
-            dz = points_m[p, 2] - antennas_m[a, 2]
-            length = np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre[a]
-            out[p, a], out[n_points + p, a] = cis_turns(turns_per_m[p] * length)
-    return out
+def steered_differences(
+    lengths_m: np.ndarray, at_centre_m: np.ndarray, turns_per_m: np.ndarray
+) -> np.ndarray:
+    """Compute the phase factors exp(j2πf(|p − a| − |c − a|)/c₀) for points p, antennas a and a
+    centre c: [2p, a], real parts above imaginary parts. lengths_m [p, a]: |p − a|; at_centre_m [a]:
+    |c − a|; turns_per_m [p]: f/c₀ of the tone of each point."""
+    turns = turns_per_m[:, None] * (lengths_m - at_centre_m)
+    angle = ((turns - np.rint(turns)) * (2 * np.pi)).astype(np.float32)
+    waves = np.empty((2, *angle.shape))
+    np.cos(angle, out=waves[0])
+    np.sin(angle, out=waves[1])
+    return waves.reshape(-1, angle.shape[1])
 
 
 @njit(**FAST)
@@ -170,17 +158,26 @@ def least_cosine(pattern: float) -> float:
     return max(GRAZING, FADED ** (1 / pattern)) if pattern != 0 else -1.0
 
 
-def probe_gains(points_m: np.ndarray, antennas_m: np.ndarray, pattern: float) -> np.ndarray:
+def probe_gains(
+    points_m: np.ndarray, antennas_m: np.ndarray, lengths_m: np.ndarray, pattern: float
+) -> np.ndarray:
     """Compute the gains between points [p, 3] and antennas [a, 3], from which few antennas are
-    chosen that represent all: [p, a], each row with unit mean square.
+    chosen that represent all: [p, a], each row with unit mean square. lengths_m [p, a]: distances.
 
     A gain is 1/R, times the pattern cosᵠθ, q = `pattern`, where that is smooth. For up to half of
     the points it is also multiplied by the obliquity √(n·û) of a facet; the normals n are spread
     over the directions that every antenna sees.
     """
-    return _probe_gains(
-        points_m, _normals(len(points_m)), antennas_m, float(pattern), least_cosine(pattern)
-    )
+    gains, normals = 1 / lengths_m, _normals(len(points_m))
+    heights_m = np.einsum("pi,pi->p", normals, points_m)
+    obliquity = (normals @ antennas_m.T - heights_m[:, None]) * gains
+    oblique = (obliquity >= GRAZING).all(axis=1)
+    gains[oblique] *= np.sqrt(obliquity[oblique])
+    if pattern:
+        axial = (points_m[:, 2, None] - antennas_m[:, 2]) / lengths_m
+        patterned = (axial >= least_cosine(pattern)).all(axis=1)
+        gains[patterned] *= axial[patterned] ** pattern
+    return gains / np.sqrt(np.mean(gains**2, axis=1))[:, None]
 
 
 def _normals(count: int) -> np.ndarray:
@@ -191,34 +188,3 @@ def _normals(count: int) -> np.ndarray:
     z, azimuth = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1]
     across = np.sqrt(1 - z**2)
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), z], axis=1)
-
-
-@njit(**FAST)
-def _probe_gains(points_m, normals, antennas_m, pattern, least):  # type: ignore[no-untyped-def]
-    n_points, n_antennas = len(points_m), len(antennas_m)
-    gains, obliquity, axial = (
-        np.empty((n_points, n_antennas)),
-        np.empty(n_antennas),
-        np.empty(n_antennas),
-    )
-    for p in range(n_points):
-        nx, ny, nz = normals[p, 0], normals[p, 1], normals[p, 2]
-        for a in range(n_antennas):
-            dx, dy = antennas_m[a, 0] - points_m[p, 0], antennas_m[a, 1] - points_m[p, 1]
-            dz = antennas_m[a, 2] - points_m[p, 2]
-            nearness = 1 / np.sqrt(dx * dx + dy * dy + dz * dz)
-            gains[p, a], axial[a] = nearness, -dz * nearness
-            obliquity[a] = (nx * dx + ny * dy + nz * dz) * nearness
-        oblique, patterned, power = True, pattern != 0.0, 0.0
-        for a in range(n_antennas):
-            oblique &= obliquity[a] >= GRAZING
-            patterned &= axial[a] >= least
-        for a in range(n_antennas):
-            if oblique:
-                gains[p, a] *= np.sqrt(obliquity[a])
-            if patterned:
-                gains[p, a] *= axial[a] ** pattern
-            power += gains[p, a] ** 2
-        for a in range(n_antennas):
-            gains[p, a] /= np.sqrt(power / n_antennas)
-    return gains

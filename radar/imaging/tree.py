@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.spatial.distance import cdist
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, Aperture, Leg
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
@@ -372,11 +373,12 @@ def _family_skeletons(leg: Leg, box: Box, turns_per_m: np.ndarray, pattern: floa
 
         return joined
     points_m, turns = _probes(box, turns_per_m, PROBES * n)
-    waves = steered_differences(leg.position_m, leg.passes * turns, points_m, box.centre_m).astype(
-        np.float64
-    )
+    lengths_m = cdist(points_m, leg.position_m)
+    at_centre_m = _distances(leg.position_m, box.centre_m[None])[:, 0]
+    waves = steered_differences(lengths_m, at_centre_m, leg.passes * turns)
     if pattern is not None:
-        waves *= np.tile(probe_gains(points_m, leg.position_m, pattern), (2, 1))
+        gains = probe_gains(points_m, leg.position_m, lengths_m, pattern)
+        waves *= np.concatenate([gains, gains])
     return partial(skeleton, waves.T @ waves / len(points_m))
 
 

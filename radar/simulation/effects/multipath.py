@@ -27,6 +27,7 @@ are three places or more, the mirrors' diffraction, and creeping waves.
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.imaging.skeleton import band_kernel, skeleton
@@ -163,11 +164,11 @@ class Bounces:
         other: (their indices [m], their paths to the points' mean, complex weights [k, m, a]). The
         weights contain the antennas' pattern, and the phase of the path to the mean without that to
         the body's middle."""
-        centre_m, some_m = points_m.mean(axis=0), points_m[:: 1 + len(points_m) // PROBES].copy()
+        centre_m, some_m = points_m.mean(axis=0), points_m[:: 1 + len(points_m) // PROBES]
         turns = np.full(len(some_m), self._turns_per_m.max())
-        waves = steered_differences(antennas_m, turns, some_m, centre_m).astype(float)
-        at, weights = skeleton(waves.T @ waves / len(some_m), ANTENNAS)
         path_m = _paths(antennas_m, centre_m)
+        waves = steered_differences(cdist(some_m, antennas_m), path_m, turns)
+        at, weights = skeleton(waves.T @ waves / len(some_m), ANTENNAS)
         phases = phasor(path_m - _paths(antennas_m, self._middle_m), self._few_hz[:, None], -1)
         phases *= ((centre_m[2] - antennas_m[:, 2]) / path_m).clip(0) ** self._echoes.pattern
         return at, path_m[at], (weights * phases[:, None]).astype(np.complex64)
