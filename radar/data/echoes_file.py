@@ -67,12 +67,13 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
         with temporary.open("wb") as stream:
             os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
         try:
-            with h5py.File(temporary, "w") as file:
+            # of this version on, HDF5 has checksums of its own structures
+            with h5py.File(temporary, "w", libver="v108") as file:
                 file.attrs.update(
                     {"format": "handbench-echoes", "version": 2, **CONVENTIONS, **about}
                 )
                 for name, values in data.items():
-                    file[name] = values
+                    file.create_dataset(name, data=values, fletcher32=True)  # another checksum
         except (
             RuntimeError
         ) as error:  # HDF5's error for a disk that is full when the file is closed

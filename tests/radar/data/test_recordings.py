@@ -9,6 +9,7 @@ from handbench.calibration.array_file import ArrayCalibration, Side, with_calibr
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import SPARSE, RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
+from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from tests.refusals import refuse
 
@@ -63,6 +64,21 @@ def test_versions_of_the_same_echoes_are_the_same_capture(tmp_path):
         loaded(tmp_path, turned, samples=SAMPLES.conj(), **mirrored),
     ):
         np.testing.assert_equal(content(other), content(loaded(tmp_path, version=1)))
+
+
+def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path):
+    """HDF5 has checksums of all that a file holds, but not of the gaps in it."""
+    whole, file = loaded(tmp_path), tmp_path / "echoes.h5"
+    save_capture(file, whole)
+    stored = file.read_bytes()
+    for bit in map(int, RNG.integers(8 * len(stored), size=30)):
+        flipped = bytearray(stored)
+        flipped[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(flipped)
+        try:
+            np.testing.assert_equal(content(load_capture(file)), content(whole))
+        except HandbenchError as refusal:
+            assert str(file) in str(refusal)
 
 
 def test_pairs_that_were_not_measured_are_zeros_that_are_known(tmp_path):
