@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from importlib import import_module
 from importlib.metadata import version
+from typing import NoReturn
 
 from handbench.cli.options import COMMANDS, add_options
-from handbench.support.errors import HandbenchError
+from handbench.support.errors import HandbenchError, printable
 from handbench.support.progress import say
 
 STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}  # by their numbers 0, 1, 2
@@ -62,9 +63,9 @@ def _run(arguments: Sequence[str] | None) -> int:
         if error.errno is None:  # a library's own
             raise
         message = (
-            f"{error.filename or 'output or temporary files'}: {error.strerror}; free space on the "
-            "disk, choose another place (for temporary files set TMPDIR), or check that the disk "
-            "is still connected"
+            f"{error.filename or 'output or temporary files'}: {error.strerror}; check its "
+            "permissions, free space on the disk, choose another place (for temporary files set "
+            "TMPDIR), or check that the disk is still connected"
         )
     say(f"handbench: {message}")
     return code
@@ -116,11 +117,18 @@ def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
     return use_device(options.device)
 
 
-def parser() -> argparse.ArgumentParser:
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors quote names, which may be a stranger's, as a terminal can show them."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message))
+
+
+def parser() -> Parser:
     """Return the parser of the command line, with the commands and options declared in
     commands.toml."""
     purpose = "How well near-field radar sees a human hand, and what that accuracy costs in time."
-    top = argparse.ArgumentParser(prog="handbench", description=purpose)
+    top = Parser(prog="handbench", description=purpose)
     top.add_argument("--version", action="version", version=f"%(prog)s {version('handbench')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, entry in COMMANDS.items():

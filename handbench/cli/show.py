@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def show(options: argparse.Namespace) -> None:
     path: Path = options.path
     described = path.suffix == ".toml" or (str(path) in BUILT_IN and not path.exists())
     endings = (".pdf", ".toml") if described else (".png", ".pdf", ".svg", ".html")
-    out = options.out or Path(path.resolve().name).with_suffix(endings[0])
+    out = options.out or Path(Path(os.path.realpath(path)).stem + endings[0])
     if out.suffix.lower() not in endings:
         raise HandbenchError(f"-o: is {out}; expected a file that ends in {' or '.join(endings)}")
     free(options.overwrite, out)

@@ -1,6 +1,7 @@
 """The report of a result: tables, figures and HTML pages, each of which needs no other files. And
 that of several: the report of each, and one page that shows all of their methods."""
 
+import os
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
@@ -74,7 +75,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
     """
     folder, out = Path(folder), Path(out)
     result = load(folder)
-    if out.resolve() == folder.resolve():
+    if os.path.realpath(out) == os.path.realpath(folder):
         raise HandbenchError(
             f"{out}: is the result folder itself, whose table.csv the report would overwrite; "
             "choose another folder"

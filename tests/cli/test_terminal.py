@@ -39,6 +39,7 @@ def test_what_a_terminal_obeys_is_shown_as_text(capsys):
     assert capsys.readouterr() == (SHOWN + "\n", SHOWN + "\n")
     print_json([EVIL, "−"])
     printed = capsys.readouterr().out
+    refuse_command(["show", "depth.npz", EVIL], SHOWN)
     assert json.loads(printed) == [EVIL, "−"] and printed.replace("\n", "").isprintable()
     assert picture(EVIL.replace("\n", "")) == picture(SHOWN.replace(r"\n", ""))
     picture("手")  # without matplotlib's warning
@@ -75,6 +76,8 @@ def test_names_that_a_disk_cannot_hold_are_refused_and_others_written(tmp_path):
     (tmp_path / "link").symlink_to("nowhere")
     refuse(lambda: free(False, tmp_path / "link"), "link")
     refuse_command(["run", "", "-o", str(tmp_path / "out")], "''")
+    (tmp_path / "circle").symlink_to("circle")
+    refuse_command(["show", str(tmp_path / "circle")], "circle")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
