@@ -18,6 +18,7 @@ import psutil
 
 from handbench.support.errors import HandbenchError
 
+LITTLE_BYTES = 2**26  # of memory, which every machine has
 SAMPLE_S = 0.05
 
 
@@ -94,6 +95,8 @@ def require_memory(needed_bytes: float, what: str, advice: str) -> None:
     """Raise a HandbenchError for work that needs more memory than HANDBENCH_MEMORY_GB, or, if that
     is not set, than is free now.
     The message begins with `what`, the work, and ends with `advice`."""
+    if needed_bytes < LITTLE_BYTES and not os.environ.get("HANDBENCH_MEMORY_GB"):
+        return  # to ask the system takes longer than such work
     free_gb = psutil.virtual_memory().available / 1e9
     most_gb = setting("HANDBENCH_MEMORY_GB", free_gb, "gigabytes")
     if needed_bytes > 1e9 * most_gb:

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from functools import cache
 from threading import Event, RLock, local
 from typing import Any, TypeVar
@@ -71,10 +71,23 @@ def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:
             raise
 
 
-def one_blas_thread() -> AbstractContextManager[None]:
-    """Context manager in which BLAS uses one thread, for small matrix products outside
-    `for_each`."""
-    return _blas().limit(limits=1, user_api="blas")
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Context manager in which BLAS uses one thread, for small matrix products outside `for_each`.
+    BLAS has one limit for all threads: the first that enters sets it, and the last that leaves
+    restores it."""
+    global _limited, _limit
+    with _limiting:
+        if not _limited:
+            _limit = _blas().limit(limits=1, user_api="blas")
+        _limited += 1
+    try:
+        yield
+    finally:
+        with _limiting:
+            _limited -= 1
+            if not _limited:
+                _limit.restore_original_limits()
 
 
 @contextmanager
@@ -114,6 +127,9 @@ def begin_process(shares: list[list[int]], begun: Any, parent: int, scratch: str
 
 
 _hiding = RLock()
+_limiting = RLock()
+_limited = 0  # how many are within `one_blas_thread` now
+_limit: Any = None  # which the last of them restores
 # work within a worker stays there: waiting for the pool's other threads could wait for ever
 _inside = local()
 

@@ -112,7 +112,7 @@ class VoxelGrid:
 
     def __post_init__(self) -> None:
         for name, axis in (("x_m", self.x_m), ("y_m", self.y_m), ("z_m", self.z_m)):
-            if np.ndim(axis) != 1 or len(axis) == 0 or not (np.diff(axis) >= 0).all():
+            if np.ndim(axis) != 1 or len(axis) == 0 or not (axis[1:] >= axis[:-1]).all():
                 raise HandbenchError(
                     f"{name}: is not an ascending axis of shape [n]; sort it, and the volume in "
                     "the same order"

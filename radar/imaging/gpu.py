@@ -178,9 +178,12 @@ def _level(
             turned *= to[here, :, :, None]
             turned *= back[here, :, None]
             n, k, a, b = turned.shape
-            mixed = xp.matmul(of_tones[here], turned.reshape(n, k, a * b))
-            fewer = xp.matmul(mixed.reshape(n, -1, b), of_b[here])
-            parts.append(xp.matmul(of_a[here], fewer.reshape(n, mixed.shape[1], a, -1)))
+            if of_tones.size:
+                turned = xp.matmul(of_tones[here], turned.reshape(n, k, -1))
+            if of_b.size:
+                turned = xp.matmul(turned.reshape(n, -1, b), of_b[here])
+            turned = turned.reshape(n, of_tones.shape[1] or k, a, -1)
+            parts.append(xp.matmul(of_a[here], turned) if of_a.size else turned)
         return xp.concatenate(parts)
 
     return descend

@@ -128,7 +128,7 @@ class NodeStack(NamedTuple):
     counts [n, 3]: numbers of tones, transmitters and receivers; centre_m [n, 3]; turns_per_m [n,
     k]; tone_weights [n, k, parent's k]. legs: for transmitters and for receivers the float32
     weights [n, a, parent's a], and float64 shifts [n, parent's a], lengths [n, a] and positions [n,
-    a, 3], metres. Weights are identities where a node keeps all.
+    a, 3], metres. Weights are empty where all nodes keep all, and identities where only some do.
     """
 
     counts: np.ndarray
@@ -178,6 +178,8 @@ def stack(nodes: list[Node]) -> NodeStack:
 
 
 def _stacked_weights(weights: list[np.ndarray], counts: list[int]) -> np.ndarray:
+    if not any(array.size for array in weights):
+        return np.zeros((len(weights), 0, 0), np.float32)
     full = [array if array.size else np.eye(n) for array, n in zip(weights, counts, strict=True)]
     return _padded(full).astype(np.float32)
 

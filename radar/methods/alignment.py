@@ -36,7 +36,7 @@ from handbench.radar.methods.backprojection import Backprojection, backprojectio
 from handbench.radar.methods.depth_uncertainty import WRAP_PROBABILITY, doubtful_on_plane, speckle_m
 from handbench.radar.methods.doppler import SAME, with_velocity
 from handbench.radar.methods.fsk import Fsk, FskEchoes
-from handbench.radar.methods.pixels import path_gradient_z, window_mean
+from handbench.radar.methods.pixels import Pixels, path_gradient_z
 from handbench.radar.methods.settings import OddPixels
 from handbench.support.config import Tone
 
@@ -172,13 +172,15 @@ def filter_by_agreement(
     if config.drop_doubtful:
         gap_m, surface_m = SPEED_OF_LIGHT_M_S / (4 * bandwidth_hz), np.where(lost, np.nan, z_m)
         z_m = np.where(lost | behind_outline(surface_m, config, gap_m), np.nan, z_m)
-    on, (smooth_m, sigma_m) = np.nonzero(np.isfinite(z_m)), np.full((2, *z_m.shape), np.nan)
-    power = 10 ** (depth.amplitude_db[on].astype(np.float64) / 10)
-    smooth_m[on] = window_mean(z_m[on], on, config.filter_px, power)
-    speckle = speckle_m(z_m[on], smooth_m[on], np.sqrt(power), on)
-    sigma_m[on] = np.hypot(speckle, np.asarray(depth.sigma_m)[on])
-    wrapped = np.isfinite(z_m) & np.asarray(depth.wrapped)
-    return replace(depth, z_m=smooth_m, sigma_m=sigma_m, wrapped=wrapped)
+    pixels = Pixels(config.pixels, np.flatnonzero(np.isfinite(z_m)))
+    z_m, sigma_m, db = (
+        np.asarray(map_).ravel()[pixels.index] for map_ in (z_m, depth.sigma_m, depth.amplitude_db)
+    )
+    power = 10 ** (db.astype(np.float64) / 10)
+    smooth_m = pixels.means(z_m, config.filter_px, power)
+    sigma_m = np.hypot(speckle_m(z_m, smooth_m, np.sqrt(power), pixels), sigma_m)
+    wrapped = np.asarray(depth.wrapped) & np.isfinite(smooth_map_m := pixels.on_map(smooth_m))
+    return replace(depth, z_m=smooth_map_m, sigma_m=pixels.on_map(sigma_m), wrapped=wrapped)
 
 
 def behind_outline(z_m: np.ndarray, config: Joint | Aligned, gap_m: float) -> np.ndarray:
@@ -206,24 +208,24 @@ def joint(capture: RadarCapture, config: Joint, frame: int = 0) -> DepthMap:
     grid, tones_hz = config.pixels, echoes.frequencies_hz[: len(config.tones_hz)]
     reach_m = config.reach_m
     for _ in range(config.refinements):
-        step = echoes.surface(step.index, step.filtered(z_m), len(tones_hz))
-        found = align(step.images, tones_hz, 2 / step.factor * np.ones(len(step.index)), reach_m)
+        step = echoes.surface(step.pixels, step.filtered(z_m), len(tones_hz))
+        found = align(step.images, tones_hz, 2 / step.factor * np.ones(len(z_m)), reach_m)
         z_m, wrapped = step.formed_m + found.shift_m, wrapped | (found.other > WRAP_PROBABILITY)
         if config.drop_doubtful and (found.coherence >= NONE).any():
             z_m[found.coherence < NONE] = np.nan
         reach_m = NEAR * config.reach_m
-    db = step.on_map(amplitude_db(step.amplitude), -np.inf).astype(np.float32)
+    db = step.pixels.on_map(amplitude_db(step.amplitude), -np.inf).astype(np.float32)
     depth = DepthMap(
         grid.x_m,
         grid.y_m,
-        step.on_map(z_m),
+        step.pixels.on_map(z_m),
         db,
         "joint",
         echoes.config.model_dump(mode="json"),
-        step.on_map(found.sigma_m),
-        step.on_map(wrapped, 0) > 0,
+        step.pixels.on_map(found.sigma_m),
+        step.pixels.on_map(wrapped, 0) > 0,
     )
-    coherence = step.on_map(found.coherence, 0.0)
+    coherence = step.pixels.on_map(found.coherence, 0.0)
     depth = filter_by_agreement(depth, coherence, float(np.ptp(tones_hz)), config)
     if echoes.repetition is not None:
         depth = with_velocity(depth, step, echoes.repetition)

@@ -22,7 +22,7 @@ from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, reach_hz
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.fsk import Fsk, FskStep, fsk
-from handbench.radar.methods.pixels import window_mean
+from handbench.radar.methods.pixels import Pixels
 
 # below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
 FEW = 100
@@ -54,13 +54,10 @@ def quadrature_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: f
 
 
 def spread_m(
-    error_m: np.ndarray,
-    amplitude: np.ndarray,
-    pixels: tuple[np.ndarray, ...],
-    window_px: int = SPREAD_PX,
+    error_m: np.ndarray, amplitude: np.ndarray, pixels: Pixels, window_px: int = SPREAD_PX
 ) -> np.ndarray:
     """Compute σ = √((⟨q²A²⟩_window + ⟨q²A²⟩_map) / 2) / A [n], metres, from the errors q (error_m)
-    and amplitudes A of the pixels (rows [n], columns [n]), NaN where q is. Of many pixels, the
+    and amplitudes A of n pixels, NaN where q is. Of many pixels, the
     median of q is subtracted first, since the tones may differ in gain. window_px: width of the
     window."""
     on = np.isfinite(error_m)
@@ -69,15 +66,15 @@ def spread_m(
     gain_m = np.median(error_m[on]) if np.count_nonzero(on) > FEW else 0.0
     power = ((error_m - gain_m) * amplitude) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = (window_mean(power, pixels, window_px) + power[on].mean()) / 2
+        mean = (pixels.means(power, window_px) + power[on].mean()) / 2
         return np.asarray(np.sqrt(mean) / amplitude)
 
 
 def speckle_m(
-    z_m: np.ndarray, filtered_m: np.ndarray, amplitude: np.ndarray, pixels: tuple[np.ndarray, ...]
+    z_m: np.ndarray, filtered_m: np.ndarray, amplitude: np.ndarray, pixels: Pixels
 ) -> np.ndarray:
-    """Compute the standard deviation (1σ) of depths z_m [n] of pixels (rows [n], columns [n]) by
-    speckle, metres, from the part that a filter removes. filtered_m: the filtered depths."""
+    """Compute the standard deviation (1σ) of depths z_m [n] of pixels by speckle, metres,
+    from the part that a filter removes. filtered_m: the filtered depths."""
     removed_m = np.clip(z_m - filtered_m, -OTHER_SURFACE_M, OTHER_SURFACE_M)
     return spread_m(removed_m, amplitude, pixels)
 
@@ -119,11 +116,12 @@ def fsk_with_uncertainty(capture: RadarCapture, config: Fsk, frame: int = 0) -> 
     step = steps[-1]
     sigma_m = np.fmax(
         spread_m(step.filtered(error_m), step.amplitude, step.pixels),
-        speckle_m(step.z_m, depth.z_m.ravel()[step.index], step.amplitude, step.pixels),
+        speckle_m(step.z_m, depth.z_m.ravel()[step.pixels.index], step.amplitude, step.pixels),
     )
     if len(step.again):
         depth = replace(depth, velocity_sigma_m_s=velocity_sigma_m_s(step, depth))
-    return replace(depth, sigma_m=step.on_map(sigma_m), wrapped=step.on_map(wrapped, 0) > 0)
+    pixels = step.pixels
+    return replace(depth, sigma_m=pixels.on_map(sigma_m), wrapped=pixels.on_map(wrapped, 0) > 0)
 
 
 def quadrature_m(step: FskStep) -> np.ndarray:
@@ -193,5 +191,5 @@ def velocity_sigma_m_s(step: FskStep, depth: DepthMap) -> np.ndarray:
     # as of a depth step, with fT = c / 4v in place of Δf
     fT = SPEED_OF_LIGHT_M_S / (4 * depth.velocity_limit_m_s)
     noise_m_s = quadrature_step_m(step.again[1], step.again[0], fT)
-    noise_m_s = step.on_map(spread_m(step.filtered(noise_m_s), step.amplitude, step.pixels))
+    noise_m_s = step.pixels.on_map(spread_m(step.filtered(noise_m_s), step.amplitude, step.pixels))
     return np.hypot(TAILS * noise_m_s, OTHER_LINE_OF_SIGHT * np.asarray(depth.velocity_m_s))

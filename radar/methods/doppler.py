@@ -23,7 +23,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.pixels import path_gradient_z, window_mean
+from handbench.radar.methods.pixels import path_gradient_z
 from handbench.support.errors import HandbenchError
 
 if TYPE_CHECKING:
@@ -99,14 +99,13 @@ def with_velocity(depth: DepthMap, step: FskStep, repeated: Repetition) -> Depth
     turned = step.again[1].astype(np.complex128) * np.conj(step.again[0])
     # of the numbers, not of the angles, which jump where they wrap
     real, imaginary = (
-        window_mean(part, step.pixels, step.echoes.config.filter_px)
-        for part in (turned.real, turned.imag)
+        step.pixels.means(part, step.echoes.config.filter_px) for part in (turned.real, turned.imag)
     )
-    points_m = step.echoes.grid.points_at_m(step.index, step.formed_m)
+    points_m = step.pixels.points_m(step.formed_m)
     cosine = points_m[:, 2] / np.linalg.norm(points_m, axis=1)
     along = path_gradient_z(points_m, step.echoes.aperture)
     factor = 2 * cosine / along
     velocity_m_s = -np.angle(real + 1j * imaginary) / np.pi * repeated.limit_m_s * factor
     return replace(
-        depth, velocity_m_s=step.on_map(velocity_m_s), velocity_limit_m_s=repeated.limit_m_s
+        depth, velocity_m_s=step.pixels.on_map(velocity_m_s), velocity_limit_m_s=repeated.limit_m_s
     )

@@ -35,7 +35,7 @@ from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_on
 from handbench.radar.data.depthmap import DepthMap, amplitude_db
 from handbench.radar.data.grid import PixelGrid, VoxelGrid
 from handbench.radar.methods.doppler import Repetition, repetition, with_velocity
-from handbench.radar.methods.pixels import path_gradient_z, window_mean
+from handbench.radar.methods.pixels import Pixels, path_gradient_z
 from handbench.radar.methods.settings import Depth, MethodSettings, OddPixels
 from handbench.support.config import Tone
 from handbench.support.errors import HandbenchError
@@ -100,14 +100,14 @@ def depth_step_m(image_b: np.ndarray, image_a: np.ndarray, difference_hz: float)
 class FskStep:
     """One imaging step: images of n pixels, and the depths that follow from their phases.
 
-    index [n]: flat indices of the pixels; formed_m [n]: depths at which the images are formed, NaN
-    for pixels that are not imaged; images [f, n]: at the first f tones of the echoes, without the
-    phase of the target's motion, if that is measured; again [2, n]: images of the tone that is
-    measured twice ([0, n] without one); amplitude [n]: mean magnitude of the tones' images.
+    formed_m [n]: depths at which the images are formed, NaN for pixels that are not imaged, whose
+    images are 0; images [f, n]: at the first f tones of the echoes, without the phase of the
+    target's motion, if that is measured; again [2, n]: images of the tone that is measured twice
+    ([0, n] without one); amplitude [n]: mean magnitude of the tones' images.
     """
 
     echoes: FskEchoes
-    index: np.ndarray
+    pixels: Pixels
     formed_m: np.ndarray
     images: np.ndarray
     again: np.ndarray
@@ -115,13 +115,9 @@ class FskStep:
 
     def where(self, chosen: np.ndarray) -> FskStep:
         """Return the step with only the pixels chosen [k], positions among the n."""
-        of_pixels = ("index", "formed_m", "images", "again", "amplitude")
-        return replace(self, **{name: getattr(self, name)[..., chosen] for name in of_pixels})
-
-    @cached_property
-    def pixels(self) -> tuple[np.ndarray, ...]:
-        """Rows [n] and columns [n] of the pixels."""
-        return np.unravel_index(self.index, self.echoes.grid.shape)
+        of_pixels = ("formed_m", "images", "again", "amplitude")
+        chosen_values = {name: getattr(self, name)[..., chosen] for name in of_pixels}
+        return replace(self, pixels=self.pixels.where(chosen), **chosen_values)
 
     @cached_property
     def factor(self) -> np.ndarray | float:
@@ -129,7 +125,7 @@ class FskStep:
         at the corner of the paper's image), or 1 as in the paper."""
         if not self.echoes.config.off_axis:
             return 1.0
-        points_m = self.echoes.grid.points_at_m(self.index, self.formed_m)
+        points_m = self.pixels.points_m(self.formed_m)
         return 2 / path_gradient_z(points_m, self.echoes.aperture)
 
     def steps_m(self, step_m: Callable[..., np.ndarray] = depth_step_m) -> np.ndarray:
@@ -150,20 +146,16 @@ class FskStep:
         return self.formed_m + self.correction_m
 
     def filtered(self, values: np.ndarray) -> np.ndarray:
-        """Average values [n] of the pixels by the configured filter (`window_mean`)."""
+        """Average values [n] of the pixels by the configured filter (`Pixels.means`)."""
         config = self.echoes.config
         weight = self.amplitude.astype(np.float64) ** 2 if config.weighted else None
-        return window_mean(values, self.pixels, config.filter_px, weight)
+        return self.pixels.means(values, config.filter_px, weight)
 
     def on_target(self) -> FskStep:
         """Do step 3 of the paper's method: keep every pixel at or above the threshold, which takes
         the depth of its own phase."""
         seen = amplitude_db(self.amplitude) >= self.echoes.config.threshold_db
         return self.where(np.flatnonzero(seen))
-
-    def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
-        """Return the map [ny, nx] of the pixels' values [n], `elsewhere` at all others."""
-        return self.echoes.grid.on_map(self.index, values, elsewhere)
 
 
 def fsk(
@@ -189,15 +181,15 @@ def fsk(
                 break
             # 4: the curved surface found so far is imaged at all tones up to this one.
             # 5: the mean of the two corrections between the new tone and the first two.
-            steps.append(echoes.surface(steps[0].index, z_m, count))
+            steps.append(echoes.surface(steps[0].pixels, z_m, count))
             z_m = on_step(steps[-1])
     step = steps[-1]
     imaged = plane if len(steps) == 1 else step
     depth = DepthMap(
         echoes.grid.x_m,
         echoes.grid.y_m,
-        step.on_map(step.filtered(z_m)),
-        imaged.on_map(amplitude_db(imaged.amplitude), -np.inf).astype(np.float32),
+        step.pixels.on_map(step.filtered(z_m)),
+        imaged.pixels.on_map(amplitude_db(imaged.amplitude), -np.inf).astype(np.float32),
         "fsk",
         config.model_dump(mode="json"),
     )
@@ -263,21 +255,21 @@ class FskEchoes(NamedTuple):
         images = image_volume(*self._tones(2), voxels, self.config.tolerance, True, carrier=False)
         images = images.reshape(len(images), -1)
         count = images.shape[1]
-        return self._step(np.arange(count), np.full(count, z_m), images, 2)
+        pixels = Pixels(self.grid, np.arange(count))
+        return self._step(pixels, np.full(count, z_m), images, 2)
 
-    def surface(self, index: np.ndarray, z_m: np.ndarray, count: int) -> FskStep:
-        """Image the pixels with flat indices index [n] at their finite depths z_m [n] and at the
-        first `count` tones."""
+    def surface(self, pixels: Pixels, z_m: np.ndarray, count: int) -> FskStep:
+        """Image n pixels at their finite depths z_m [n] and at the first `count` tones."""
         from handbench.radar.imaging.api import image_points  # numba, which settings do not need
 
         samples, frequencies_hz, aperture = self._tones(count)
-        images = np.full((len(samples), len(index)), np.nan, np.complex64)
+        images = np.zeros((len(samples), len(z_m)), np.complex64)
         on = np.isfinite(z_m)
-        points_m = self.grid.points_at_m(index[on], z_m[on])
+        points_m = pixels.where(on).points_m(z_m[on])
         images[:, on] = image_points(
             samples, frequencies_hz, aperture, points_m, self.config.tolerance, per_tone=True
         )
-        return self._step(index, z_m, images, count)
+        return self._step(pixels, z_m, images, count)
 
     def _tones(self, count: int) -> tuple[np.ndarray, np.ndarray, Aperture]:
         """Return the echoes at the first `count` tones, and at the tone that is measured twice."""
@@ -285,13 +277,13 @@ class FskEchoes(NamedTuple):
         return self.samples[rows], self.frequencies_hz[rows], self.aperture
 
     def _step(
-        self, index: np.ndarray, formed_m: np.ndarray, images: np.ndarray, count: int
+        self, pixels: Pixels, formed_m: np.ndarray, images: np.ndarray, count: int
     ) -> FskStep:
         images, again = np.split(images, [count])
-        amplitude = np.nan_to_num(np.abs(images).mean(axis=0))
+        amplitude = np.abs(images).mean(axis=0)
         if self.repetition is not None:
             images = self.repetition.at_rest(images, again)
-        return FskStep(self, index, formed_m, images, again, amplitude)
+        return FskStep(self, pixels, formed_m, images, again, amplitude)
 
 
 def first_depth_m(capture: RadarCapture, frame: int = 0) -> float:

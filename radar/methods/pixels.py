@@ -1,42 +1,87 @@
-"""Functions of the pixels of a depth map: averages over windows, growth of the path along z."""
+"""Pixels of a depth map: averages over windows around them, growth of the path along z."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from handbench.radar.data.arrays import Aperture
+from handbench.radar.data.grid import PixelGrid
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """The n pixels of a grid with the flat indices index [n]."""
+
+    grid: PixelGrid
+    index: np.ndarray
+
+    def where(self, chosen: np.ndarray) -> Pixels:
+        """Return the pixels chosen [k], positions among the n."""
+        return Pixels(self.grid, self.index[chosen])
+
+    def points_m(self, z_m: np.ndarray) -> np.ndarray:
+        """Return the points [n, 3] of the pixels, metres, at depths z_m [n]."""
+        return self.grid.points_at_m(self.index, z_m)
+
+    def on_map(self, values: np.ndarray, elsewhere: float = np.nan) -> np.ndarray:
+        """Return the map [ny, nx] of the pixels' values [n], and `elsewhere` at all others."""
+        return self.grid.on_map(self.index, values, elsewhere)
+
+    def means(
+        self, values: np.ndarray, size_px: int, weight: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Average values [n] over a window of size_px × size_px around each pixel, with weights [n]
+        (None: equal ones), leaving out NaN (normalised convolution): [n]; NaN stays NaN."""
+        seen = np.isfinite(values)
+        if size_px == 1 or not seen.any():
+            return values
+        offset = values[seen].mean()  # keeps the sums small, so that they lose no digits
+        if weight is None and seen.all():
+            sums, total = self._sums(values - offset, size_px), self._counts(size_px)
+        else:
+            share = 1.0 if weight is None else weight / np.float64(weight[seen].max())
+            share = np.where(seen, share, 0.0)
+            sums = self._sums(share * np.where(seen, values - offset, 0.0), size_px)
+            total = self._sums(share, size_px)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(seen, offset + sums / total, np.nan)
+
+    def _counts(self, size_px: int) -> np.ndarray:
+        if size_px not in self._counted:
+            self._counted[size_px] = self._sums(np.ones(len(self.index)), size_px)
+        return self._counted[size_px]
+
+    @cached_property
+    def _counted(self) -> dict[int, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _places(self) -> tuple[np.ndarray, ...]:
+        """Rows [n] and columns [n], counted from the first ones."""
+        places = np.unravel_index(self.index, self.grid.shape)
+        return tuple(place - place.min() for place in places)
+
+    def _sums(self, values: np.ndarray, size_px: int) -> np.ndarray:
+        """Add up values [n] over the windows. Each window is summed by itself: a running sum would
+        carry rounding errors of strong pixels to weak ones."""
+        from scipy.ndimage import correlate1d  # which settings do not need
+
+        sums = np.zeros([place.max() + 1 for place in self._places])
+        sums[self._places] = values
+        for axis in (0, 1):
+            sums = correlate1d(sums, np.ones(size_px), axis, mode="constant")
+        return np.asarray(sums[self._places])
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
-    """Average a map [ny, nx] as `window_mean` does the values of its pixels. weight [ny, nx]."""
-    pixels = tuple(np.indices(values.shape).reshape(2, -1))
+    """Average a map [ny, nx] as `Pixels.means` does. weight [ny, nx]."""
+    ny, nx = values.shape
+    every = Pixels(PixelGrid(np.arange(nx), np.arange(ny)), np.arange(values.size))
     flat = None if weight is None else weight.ravel()
-    return window_mean(values.ravel(), pixels, size_px, flat).reshape(values.shape)
-
-
-def window_mean(
-    values: np.ndarray,
-    pixels: tuple[np.ndarray, ...],
-    size_px: int,
-    weight: np.ndarray | None = None,
-) -> np.ndarray:
-    """Average values [n] of the pixels (rows [n], columns [n]) over a window of size_px × size_px
-    around each, with weights [n] (None: equal ones), leaving out NaN (normalised convolution): [n];
-    NaN stays NaN."""
-    from scipy.ndimage import correlate1d  # which settings do not need
-
-    seen = np.isfinite(values)
-    if size_px == 1 or not seen.any():
-        return values
-    rows, columns = (place - place.min() for place in pixels)
-    weight = np.where(seen, 1.0 if weight is None else weight / np.float64(weight[seen].max()), 0.0)
-    offset = values[seen].mean()  # keeps the sums small, so that they lose no digits
-    maps = np.zeros((2, rows.max() + 1, columns.max() + 1))
-    maps[:, rows, columns] = weight * np.where(seen, values - offset, 0.0), weight
-    # each window by itself: a running sum would carry rounding errors of strong pixels to weak ones
-    for axis in (1, 2):
-        maps = correlate1d(maps, np.ones(size_px), axis, mode="constant")
-    sums = maps[:, rows, columns]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(seen, offset + sums[0] / sums[1], np.nan)
+    return every.means(values.ravel(), size_px, flat).reshape(values.shape)
 
 
 def path_gradient_z(points_m: np.ndarray, aperture: Aperture) -> np.ndarray:

@@ -99,7 +99,7 @@ def test_a_step_of_half_a_period_and_more_is_flagged(height_mm, within):
         config = Fsk(x=axis, y=axis, filter_px=size, first_depth_m=0.3)
         depth = fsk_with_uncertainty(taken, config)
         step = fsk(taken, config)[1][-1]
-        z_m = step.on_map(step.z_m)  # before the last filter
+        z_m = step.pixels.on_map(step.z_m)  # before the last filter
         beside = np.abs(depth.x_m) > 0.006
         error_m = np.abs(z_m - np.where(depth.x_m < 0, *planes_m))[:, beside]
         flags = depth.wrapped[:, beside]

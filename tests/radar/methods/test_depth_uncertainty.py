@@ -6,8 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
+from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods.depth_uncertainty import quadrature_step_m, spread_m
 from handbench.radar.methods.fsk import depth_step_m
+from handbench.radar.methods.pixels import Pixels
 from tests.strategies import examples
 
 
@@ -25,6 +27,7 @@ def test_the_amplitudes_tell_how_far_the_phases_are_off(seed, noise_rad, gain, d
     a, b = 1 + noise_rad / np.sqrt(2) * white
     actual_m = depth_step_m(gain * b, a, difference_hz).std()
     step_m = quadrature_step_m(gain * b, a, difference_hz)
-    predicted_m = spread_m(step_m, np.ones(3600), tuple(np.indices((60, 60)).reshape(2, -1)), 61)
+    pixels = Pixels(PixelGrid(np.arange(60), np.arange(60)), np.arange(3600))
+    predicted_m = spread_m(step_m, np.ones(3600), pixels, 61)
     assert np.median(predicted_m) == pytest.approx(actual_m, rel=0.06 + 0.13 * abs(np.log2(gain)))
     assert actual_m == pytest.approx(SPEED_OF_LIGHT_M_S / (4 * np.pi * 200e6) * noise_rad, rel=0.06)

@@ -125,7 +125,7 @@ def test_3fsk_is_the_papers_iteration_written_out(refinements):
     # Imaging in float32 is worth a relative 3e-6 of the strongest pixel, 1e-5 at the threshold: 0.5
     # µm a step.
     np.testing.assert_allclose(steps[-1].z_m, z_m, rtol=0, atol=5e-7 * refinements)
-    np.testing.assert_array_equal(depth.z_m, masked_mean(steps[-1].on_map(steps[-1].z_m), 3))
+    np.testing.assert_array_equal(depth.z_m, masked_mean(steps[-1].pixels.on_map(steps[-1].z_m), 3))
 
 
 @pytest.mark.parametrize("first_depth_m", [0.1, 0.45, 0.6, 0.7, 0.9])
