@@ -32,7 +32,7 @@ TIMING = "timing.json"
 TREATED = "treated.npz"
 VELOCITY = "velocity_m_s"
 PLANNED_S = 20.0  # what takes longer than any plan is not imaged twice
-REPEATED_S = 0.5  # for how long the imaging is repeated for its time
+REPEATED_S = 0.2  # for how long the imaging is repeated for its time
 WINDOW_PX = 5  # of the averaging filter that all methods are given under equal treatment
 SMOOTHING = {"none": 1, "window": WINDOW_PX}  # treatment → width of every averaging filter, pixels
 FILTER = "filter_px"  # setting of methods that smooth their depths
@@ -251,8 +251,8 @@ class Imager:
         return Images(depths, seconds or [first_s], plan_s)
 
     def repeated(self, seconds: list[float]) -> list[float]:
-        """Repeat the imaging for half a second (REPEATED_S), so that the median of fast methods is
-        that of many times.
+        """Repeat the imaging for REPEATED_S, so that the median of fast methods is that of several
+        times.
         seconds: times measured so far, s. Returns these and the times of the repetitions."""
         times, end_s = list(seconds), clock_s() + REPEATED_S
         while clock_s() + times[-1] < end_s:
