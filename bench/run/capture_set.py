@@ -25,9 +25,9 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
     """Simulate all scenes of a benchmark into a folder that can be distributed; return their
     number.
     name: a benchmark file, or the name of a benchmark that is installed with handbench. Captures
-    that an earlier call for the same benchmark finished are kept. overwrite: replace the
-    captures in the folder. Raises HandbenchError if the benchmark has a capture that is not a
-    scene, or if the folder has other files."""
+    that an earlier call for the same benchmark finished are kept. overwrite: replace the captures
+    in the folder, each when the new one is complete. Raises HandbenchError if the benchmark has a
+    capture that is not a scene, or if the folder has other files."""
     bench, base = load_benchmark(name)
     sources: list[Origin] = [*bench.capture, *bench.calibration]
     scenes: dict[str, tuple[SceneFile, Path, int]] = {}
@@ -43,16 +43,20 @@ def simulate_benchmark(name: str, folder: Path, overwrite: bool) -> int:
                 f"{name}: two captures are named '{scene.name}'; give each its own name"
             )
         scenes[scene.name] = scene, file.parent, bench.frames_of(source)
-    _start(folder, _of_captures(bench, name, list(scenes)), overwrite)
-    left = {
-        folder / CAPTURES / name: scene
-        for name, scene in scenes.items()
-        if not (folder / CAPTURES / name).is_dir()
-    }
-    with counted(len(left)) as progress:
-        for at, (scene, place, frames) in left.items():
-            with progress.part(scene.name):
-                simulate_capture(build(scene, place), at, frames)
+    file, captures = folder / BENCH, folder / CAPTURES
+    text = _of_captures(bench, name, list(scenes))
+    _require_set(folder, text, overwrite)
+    if not file.is_file():  # by which a later call knows whose captures these are
+        write_text(file, text)
+    wanted = [name for name in scenes if overwrite or not (captures / name).is_dir()]
+    with counted(len(wanted)) as progress:
+        for capture in wanted:
+            scene, place, frames = scenes[capture]
+            with progress.part(capture):
+                simulate_capture(build(scene, place), captures / capture, frames)
+    if overwrite:
+        write_text(file, text)
+        drop(captures, [path.name for path in captures.glob("[!.]*") if path.name not in scenes])
     return len(scenes)
 
 
@@ -79,18 +83,14 @@ def _of_captures(bench: BenchFile, name: str, captures: list[str]) -> str:
     return tomlkit.dumps(content)
 
 
-def _start(folder: Path, text: str, overwrite: bool) -> None:
-    """Write the benchmark file `text` into a folder that is new, empty, or has a set of captures
-    with the same text, whose captures are kept.
-    overwrite: delete all captures that the folder has. Raises HandbenchError if the folder has
-    other files."""
-    file, captures = folder / BENCH, folder / CAPTURES
+def _require_set(folder: Path, text: str, overwrite: bool) -> None:
+    """Raise HandbenchError if a folder has anything but a set of captures whose benchmark file is
+    `text` or, with `overwrite`, of any benchmark; or if something in it is a link."""
+    file = folder / BENCH
     same = file.is_file() and (overwrite or file.read_text("utf-8", "replace") == text)
     if folder.exists() and any(folder.iterdir()) and not same:
         raise HandbenchError(
             f"{folder}: has files of something else; choose another folder for -o, or use "
             "--overwrite to replace a set of captures"
         )
-    if overwrite and is_owned_folder(captures):
-        drop(captures, [path.name for path in captures.glob("[!.]*")])
-    write_text(file, text)
+    is_owned_folder(folder / CAPTURES)
