@@ -30,7 +30,9 @@ SAMPLES = len(NEARNESS)
 # mean square distance of the window's pixels along an axis
 FLATTENED_PX2 = float((NEARNESS * ROW**2).sum() / NEARNESS.sum())
 DIRECTIONS = ((-1, 0), (1, 0), (0, -1), (0, 1))
-DISTANCES_PX = (1, 3)  # of neighbours in a direction, of which the best matched one counts
+# of neighbours in a direction, of which the best matched one counts; odd: on the other colour of a
+# chessboard, so that no thread reads what another one writes
+DISTANCES_PX = (1, 3)
 VARIATIONS = (1.0, 0.4)  # of the disparity, as parts of the largest one
 TILT = 0.3  # variation of a slope, as a part of that of the disparity; the largest one
 SIDE = 0.25  # pixels from a disparity to the two others of its parabola
@@ -77,19 +79,14 @@ def refine(
     stereo = stereo._replace(reference=reference)
     wanted = low <= high
     flat = np.zeros_like(planes)
-    cost = np.where(wanted, 0, WORST)
+    planes, cost = planes.copy(), np.where(wanted, np.float32(0), np.float32(WORST))
     for step, reach in enumerate(reaches):
         if step == 0 or reach > 1:  # later, planes hardly move
             cost, views = _best_sources(stereo, planes, flat, wanted)
-        for change in (*DIRECTIONS, *VARIATIONS):
-            if isinstance(change, float):
-                candidate = _varied(planes, reach * change, draws)
-            else:
-                candidate = _from_neighbour(planes, cost, change)
-            candidate[0] = np.clip(candidate[0], low, high)
-            tried = mismatches(stereo, candidate, flat, views, cost * wanted).mean(axis=0)
-            planes = np.where(tried < cost, candidate, planes)
-            cost = np.minimum(tried, cost)
+        changes = _changes(planes.shape, reach, draws)
+        for colour in (0, 1):
+            args = stereo, planes, cost, views, low, high, changes, colour
+            _by_rows(len(cost), lambda rows, args=args: _improve(*args, rows))
     matched = cost < UNMATCHED
     planes, bends, support = smoothed(planes, matched)
     planes[0] -= (bends[0] + bends[2]) * np.float32(FLATTENED_PX2 / 2)
@@ -97,7 +94,7 @@ def refine(
     side = np.zeros_like(planes)
     side[0] = SIDE
     left, right = (
-        mismatches(stereo, moved, bends, views, WORST * matched).mean(axis=0)
+        mismatches(stereo, moved, bends, views, matched).mean(axis=0)
         for moved in (planes - side, planes + side)
     )
     opening = left - 2 * here + right
@@ -114,29 +111,19 @@ def _best_sources(
     count = len(stereo.sources)
     every = np.empty((count, *wanted.shape), np.int8)
     every[:] = np.arange(count)[:, None, None]
-    mismatch = mismatches(stereo, planes, bends, every, WORST * wanted)
+    mismatch = mismatches(stereo, planes, bends, every, wanted)
     best = mismatch.argsort(axis=0, kind="stable")[: max(1, count // 2)]
     return np.take_along_axis(mismatch, best, 0).mean(axis=0), best.astype(np.int8)
 
 
-def _from_neighbour(planes: np.ndarray, cost: np.ndarray, direction: tuple[int, int]) -> np.ndarray:
-    """Continue to each pixel the plane of its best matched neighbour in a direction. Pixels at the
-    picture's border take planes of the opposite one."""
-    continued, least = np.empty_like(planes), np.full_like(cost, np.inf)
-    for distance in DISTANCES_PX:
-        dy, dx = (distance * part for part in direction)
-        there, plane = np.roll(cost, (dy, dx), (0, 1)), np.roll(planes, (dy, dx), (1, 2))
-        plane[0] += dx * plane[1] + dy * plane[2]
-        np.copyto(continued, plane, where=there < least)
-        least = np.minimum(least, there)
-    return continued
-
-
-def _varied(planes: np.ndarray, reach: float, draws: np.random.Generator) -> np.ndarray:
-    """Vary each pixel's plane at random, by up to `reach` disparities."""
+def _changes(shape: tuple[int, ...], reach: float, draws: np.random.Generator) -> np.ndarray:
+    """Draw random changes [n, 3, h, w] of planes, of the disparity by up to `reach`."""
     tilt = TILT * min(reach, 1)
-    most = np.array([reach, tilt, tilt], np.float32)[:, None, None]
-    return planes + most * (2 * draws.random(planes.shape, np.float32) - 1)
+    most = np.multiply.outer(VARIATIONS, [reach, tilt, tilt]).astype(np.float32)
+    changes = draws.random((len(VARIATIONS), *shape), np.float32)
+    changes -= 0.5  # in place: a large picture has no room for two
+    changes *= 2 * most[..., None, None]
+    return changes
 
 
 def smoothed(planes: np.ndarray, matched: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -174,18 +161,17 @@ def smoothed(planes: np.ndarray, matched: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def mismatches(
-    stereo: Stereo, planes: np.ndarray, bends: np.ndarray, views: np.ndarray, most: np.ndarray
+    stereo: Stereo, planes: np.ndarray, bends: np.ndarray, views: np.ndarray, wanted: np.ndarray
 ) -> np.ndarray:
-    """Compute 1 − NCC [n, h, w] of each pixel's plane in n source views.
+    """Compute 1 − NCC [n, h, w] of each pixel's plane in n source views; 2 (WORST) at pixels where
+    the mask `wanted` [h, w] is False.
 
     stereo: with the reference padded by RADIUS. planes [3, h, w]. bends [3, h, w]:
     second derivatives of the disparity (per column², per column and row, per row²), which turn the
-    planes into paraboloids. views [n, h, w]: numbers of the source views. most [h, w]: mean from
-    which a candidate's remaining views are left out, as 2 (WORST); 0 leaves out the pixel.
+    planes into paraboloids. views [n, h, w]: numbers of the source views.
     """
     mismatch = np.full(views.shape, np.float32(WORST))
-    most = most.astype(np.float32)
-    _by_rows(len(most), lambda rows: _match(stereo, planes, bends, views, most, rows, mismatch))
+    _by_rows(len(wanted), lambda rows: _match(stereo, planes, bends, views, wanted, rows, mismatch))
     return mismatch
 
 
@@ -229,26 +215,73 @@ def _match(
     planes: np.ndarray,
     bends: np.ndarray,
     views: np.ndarray,
-    most: np.ndarray,
+    wanted: np.ndarray,
     rows: np.ndarray,
     mismatch: np.ndarray,
 ) -> None:
     """Do what `mismatches` does, in some rows of the picture."""
     values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
-    places = np.empty((3, SAMPLES), np.float32)
+    places = np.empty((6, SAMPLES), np.float32)
     for y in rows:
-        for x in range(most.shape[1]):
-            if most[y, x] == 0:
+        for x in range(wanted.shape[1]):
+            if not wanted[y, x]:
                 continue
             window = _window(stereo.reference, y, x, values, weights, places)
             bend = (float(bends[0, y, x]), float(bends[1, y, x]), float(bends[2, y, x]))
             plane = (float(planes[0, y, x]), float(planes[1, y, x]), float(planes[2, y, x]))
-            total = 0.0
             for n in range(len(views)):
-                if total <= len(views) * most[y, x]:
-                    value = _mismatch(window, stereo, views[n, y, x], plane, bend)
-                    mismatch[n, y, x] = value
-                    total += value
+                mismatch[n, y, x] = _mismatch(window, stereo, views[n, y, x], plane, bend)
+
+
+@njit(**FAST)
+def _improve(
+    stereo: Stereo,
+    planes: np.ndarray,
+    cost: np.ndarray,
+    views: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    changes: np.ndarray,
+    colour: int,
+    rows: np.ndarray,
+) -> None:
+    """Try, at the pixels of one colour of a chessboard in some rows, the continued planes of
+    neighbours, which have the other colour, and then changes of the best plane."""
+    values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
+    places = np.empty((6, SAMPLES), np.float32)
+    h, w = cost.shape
+    for y in rows:
+        for x in range((y + colour) % 2, w, 2):
+            if not low[y, x] <= high[y, x]:
+                continue
+            window = _window(stereo.reference, y, x, values, weights, places)
+            best = cost[y, x]
+            for k in range(len(DIRECTIONS) + len(changes)):
+                if k < len(DIRECTIONS):
+                    least, i, j = np.float32(WORST), y, x
+                    for distance in DISTANCES_PX:
+                        from_y = y + distance * DIRECTIONS[k][0]
+                        from_x = x + distance * DIRECTIONS[k][1]
+                        if 0 <= from_y < h and 0 <= from_x < w and cost[from_y, from_x] < least:
+                            least, i, j = cost[from_y, from_x], from_y, from_x
+                    if least == WORST:
+                        continue
+                    slope_x, slope_y = planes[1, i, j], planes[2, i, j]
+                    disparity = planes[0, i, j] + (x - j) * slope_x + (y - i) * slope_y
+                else:
+                    change = changes[k - len(DIRECTIONS), :, y, x]
+                    disparity = planes[0, y, x] + change[0]
+                    slope_x, slope_y = planes[1, y, x] + change[1], planes[2, y, x] + change[2]
+                disparity = min(max(disparity, low[y, x]), high[y, x])
+                plane = (float(disparity), float(slope_x), float(slope_y))
+                tried = 0.0
+                for n in range(len(views)):
+                    if tried <= len(views) * best:
+                        tried += _mismatch(window, stereo, views[n, y, x], plane, (0.0, 0.0, 0.0))
+                if tried < len(views) * best:
+                    best = np.float32(tried / len(views))
+                    planes[0, y, x], planes[1, y, x], planes[2, y, x] = disparity, slope_x, slope_y
+            cost[y, x] = best
 
 
 @njit(**INNER)
@@ -263,9 +296,9 @@ def _window(
     """Extract the matching window around pixel (x, y) of the reference picture, which is padded at
     its border.
 
-    values, weights [SAMPLES] and places [3, SAMPLES] are scratch arrays. Returns column, row, gray
+    values, weights [SAMPLES] and places [6, SAMPLES] are scratch arrays. Returns column, row, gray
     values minus their weighted mean, bilateral weights with sum 1, the array for places in a
-    source view, and the weighted variance of the values.
+    source view and its values around them, and the weighted variance of the values.
     """
     centre = reference[y + RADIUS, x + RADIUS]
     total = mean = variance = np.float32(0)
@@ -323,17 +356,19 @@ def _mismatch(window: Window, stereo: Stereo, s: int, plane: Triple, bend: Tripl
         places[0, k] = min(max(su, np.float32(0)), most_u)
         places[1, k] = min(max(sv, np.float32(0)), most_v)
     for k in range(SAMPLES):
-        su, sv = places[0, k], places[1, k]
         # unsigned: no check for negative indices
-        i, j = np.uint32(np.int32(sv)), np.uint32(np.int32(su))
-        fv, fu = sv - np.float32(np.int32(sv)), su - np.float32(np.int32(su))
-        top = picture[i, j] + fu * (picture[i, j + 1] - picture[i, j])
-        bottom = picture[i + 1, j] + fu * (picture[i + 1, j + 1] - picture[i + 1, j])
-        places[2, k] = top + fv * (bottom - top) - origin
+        i, j = np.uint32(np.int32(places[1, k])), np.uint32(np.int32(places[0, k]))
+        places[2, k], places[3, k] = picture[i, j], picture[i, j + 1]
+        places[4, k], places[5, k] = picture[i + 1, j], picture[i + 1, j + 1]
     for k in range(SAMPLES):
-        weighted = weights[k] * places[2, k]
+        fu = places[0, k] - np.float32(np.int32(places[0, k]))
+        fv = places[1, k] - np.float32(np.int32(places[1, k]))
+        top = places[2, k] + fu * (places[3, k] - places[2, k])
+        bottom = places[4, k] + fu * (places[5, k] - places[4, k])
+        value = top + fv * (bottom - top) - origin
+        weighted = weights[k] * value
         mean += weighted
-        square += weighted * places[2, k]
+        square += weighted * value
         product += weighted * values[k]
     power = variance * max(square - mean * mean, np.float32(0))
     if power < 1e-14:
