@@ -20,7 +20,9 @@ VOXEL_PX = 1.0
 NEIGHBOURS, OUTLIER_SIGMA = 20, 2.0
 NORMAL_NEIGHBOURS = 24
 FARTHEST_PX = 4.0  # between a vertex of the mesh and the nearest point
-DEEPEST = 11  # Poisson's octree; 2¹¹ cells a side
+CELL_PX = 2.0  # of Poisson's octree
+DEEPEST = 11  # of that octree; 2¹¹ cells a side
+SMALLEST_CUBE = 1.1  # of that octree, relative to the points' box
 FEWEST_POINTS = 500
 OFF_PX = 6.0  # points nearer to the board's plane may belong to the board
 RISES = 2.0  # a part lower than this many times that height is noise of the board
@@ -75,11 +77,11 @@ def surface(cloud: Cloud, box_m: np.ndarray | None = None) -> TriangleMesh:
     say(f"surface of {len(cloud.points_m)} points")
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_m))
     points.normals = o3d.utility.Vector3dVector(cloud.normals)
-    # Poisson's cube is 1.1 times the points' box
-    extent = np.ptp(cloud.points_m, axis=0).max() * 1.1
-    depth = int(np.clip(np.round(np.log2(extent / (1.5 * cloud.pixel_m))), 6, DEEPEST))
+    # the octree's cube, as a multiple of the points' box, gives cells of that size
+    cells = np.ptp(cloud.points_m, axis=0).max() / (CELL_PX * cloud.pixel_m)
+    depth = int(np.clip(np.ceil(np.log2(SMALLEST_CUBE * cells)), 6, DEEPEST))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-        points, depth=depth, n_threads=1
+        points, depth=depth, scale=max(2**depth / cells, SMALLEST_CUBE), n_threads=1
     )
     distance_m, _ = KDTree(cloud.points_m).query(np.asarray(mesh.vertices))
     mesh.remove_vertices_by_mask(distance_m > FARTHEST_PX * cloud.pixel_m)
