@@ -47,7 +47,7 @@ def plate_print(seed: int) -> np.ndarray:
     pattern = np.zeros(shape, np.float32)
     for scale_m in (12e-3, 5e-3, 2e-3, 0.8e-3):
         pattern += _blots(random, shape, scale_m)
-    tone = 0.5 + 0.5 * np.tanh(1.6 * pattern / pattern.std())
+    tone = 0.5 + 0.5 * np.tanh(1.6 / cv2.meanStdDev(pattern)[1].item() * pattern)
     image = (INK + (0.9 * PAPER - INK) * tone).astype(np.float32)
     dictionary = stand_board().cv_dictionary()
     for number, centre_m in enumerate(MARKER_CENTRES_M):
@@ -66,7 +66,7 @@ def _blots(random: np.random.Generator, shape: tuple[int, int], scale_m: float) 
     cells = [max(4, round(side * TEXEL_M / (0.4 * scale_m))) for side in shape]
     coarse = cv2.GaussianBlur(random.standard_normal(cells).astype(np.float32), (0, 0), 0.8)
     smooth = cv2.resize(coarse, shape[::-1], interpolation=cv2.INTER_CUBIC)
-    return smooth / smooth.std()
+    return smooth / cv2.meanStdDev(smooth)[1].item()
 
 
 def _patch(image: np.ndarray, centre_m: tuple[float, float], side_m: float) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from handbench.bench.scenes.bones import FINGERS, HAND_AXES, Bone, hand_from_palm, radii_m, skeleton
 from handbench.bench.scenes.hand_pose import Pose
 from handbench.bench.scenes.people import MEAN, Person
-from handbench.support.compiled import njit
+from handbench.support.compiled import FAST, njit
 
 # linear reflectances
 SKIN_RGB, FOAM_RGB, STYRODUR_RGB = np.array(
@@ -87,10 +87,10 @@ def _fade(offset: float) -> float:
     """Return the quintic interpolation weight at an offset from a lattice point: 1 at the point, 0
     at its neighbours, with smooth derivatives at both."""
     f = 1 - abs(offset)
-    return f**3 * (10 - 15 * f + 6 * f * f)
+    return f * f * f * (10 - 15 * f + 6 * f * f)
 
 
-@njit(nogil=True, cache=True)
+@njit(**FAST)
 def _gradient_noise(points: np.ndarray, seed: int) -> np.ndarray:
     """Compute Perlin noise, float32 [n] (about ±1), at points [n, 3] in units of its lattice.
     Gradients at lattice points are hashes, interpolated with quintic weights."""
@@ -110,7 +110,7 @@ def _gradient_noise(points: np.ndarray, seed: int) -> np.ndarray:
     return noise
 
 
-@njit(nogil=True, cache=True)
+@njit(**FAST)
 def _cells(points: np.ndarray, seed: int) -> np.ndarray:
     """Divide space into Worley cells, with one random cell centre in each cube of a lattice.
 
@@ -148,7 +148,11 @@ PALM_LINES_MM = (
     ((34, 22), (22, 21), (8, 17), (-6, 11), (-18, 3), (-27, -5)),
     ((34, 22), (25, 19), (15, 10), (8, -4), (5, -18), (6, -34)),
 )
+PALM_SEGMENTS_MM = np.array(
+    [segment for line in PALM_LINES_MM for segment in itertools.pairwise(line)], dtype=float
+)
 PALM_HEIGHT_MM = (5.0, 19.0)
+PALM_END_MM = 48.0
 NAIL_TINT = np.array([1.10, 1.16, 1.20], dtype=np.float32)
 
 
@@ -165,25 +169,42 @@ class Crease(NamedTuple):
     reach_m: float
 
 
+class Nail(NamedTuple):
+    """A nail on the back of a digit.
+
+    It lies within reach_m of its centre centre_m [3]. axes [3, 3]: the columns map a point relative
+    to it to coordinates along and across the digit, in which the nail's outline is at 1, and to
+    the palmar side.
+    """
+
+    centre_m: np.ndarray
+    axes: np.ndarray
+    reach_m: float
+
+
 def marked_skin(pose: Pose, seed: int, person: Person = MEAN) -> Callable[[np.ndarray], np.ndarray]:
     """Return the reflectance [n, 3] (red, green, blue) of a posed hand's skin, with flexion
     creases, lines of the palm and nails, as a function of points [n, 3] in the hand frame. seed: of
     the texture."""
-    turn, bones = hand_from_palm(pose), skeleton(pose, person)
+    bones = skeleton(pose, person)
+    # radial, distal and palmar coordinates, scaled to the mean palm
+    palm_mm = 1e3 * hand_from_palm(pose) @ HAND_AXES / person.palm
     creases = [crease for name, digit in bones.items() for crease in _creases(name, digit, person)]
+    nails = [_nail(digit[-1], radii_m(name, person)[-1]) for name, digit in bones.items()]
 
     def reflectance(points_m: np.ndarray) -> np.ndarray:
         result = skin(points_m, seed)
         # so that creases and lines are not straight
         wobble_m = WOBBLE_M * solid_noise(points_m, WOBBLE_WAVELENGTH_M, seed + 70)
-        fold = _palm_lines(points_m @ turn @ HAND_AXES / person.palm, wobble_m)
+        fold = np.zeros(len(points_m))
+        _add_palm_lines(points_m @ palm_mm, wobble_m, PALM_SEGMENTS_MM, fold)
         for crease in creases:
             _add_crease(points_m, wobble_m, crease, fold)
         result *= (1 - CREASE_DEPTH * fold)[:, None].astype(np.float32)
-        for name, (*_, bone) in bones.items():
-            off_m = points_m - bone.end_m
-            near = np.nonzero(np.einsum("ij,ij->i", off_m, off_m) < bone.length_m**2)[0]
-            result[near] *= _nail(bone, radii_m(name, person)[-1], points_m[near])
+        for nail in nails:
+            off_m = points_m - nail.centre_m
+            near = np.flatnonzero(np.einsum("ij,ij->i", off_m, off_m) < nail.reach_m**2)
+            result[near] *= _nail_factor(off_m[near] @ nail.axes)
         return result
 
     return reflectance
@@ -205,7 +226,7 @@ def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]
     return creases
 
 
-@njit(nogil=True, cache=True)
+@njit(**FAST)
 def _add_crease(
     points_m: np.ndarray, wobble_m: np.ndarray, crease: Crease, fold: np.ndarray
 ) -> None:
@@ -221,40 +242,43 @@ def _add_crease(
             fold[n] = max(fold[n], strength)
 
 
-def _palm_lines(radial_distal_palmar_m: np.ndarray, wobble_m: np.ndarray) -> np.ndarray:
-    """Compute the strength [n] of the palm's lines at points [n, 3], 0 (none) to 1. The points are
-    (radial, distal, palmar) coordinates, scaled to the mean palm. wobble_m [n]: displacement of the
-    lines at each point."""
-    radial_mm, distal_mm, palmar_mm = 1e3 * radial_distal_palmar_m.T
+@njit(**FAST)
+def _add_palm_lines(
+    palm_mm: np.ndarray, wobble_m: np.ndarray, segments_mm: np.ndarray, fold: np.ndarray
+) -> None:
+    """Raise `fold` [n] to at least the strength of the palm's lines at points, 0 (none) to 1.
+
+    palm_mm [n, 3]: (radial, distal, palmar) coordinates of the points, scaled to the mean palm.
+    wobble_m [n]: displacement of the lines at each point. segments_mm [m, 2, 2]: straight parts of
+    the lines, from one (radial, distal) point to another.
+    """
     low_mm, high_mm = PALM_HEIGHT_MM
-    on_palm = (palmar_mm > low_mm) & (palmar_mm < high_mm) & (distal_mm < 48)
-    shift_mm = 1.5e3 * wobble_m[on_palm]
-    radial_mm, distal_mm = radial_mm[on_palm] + shift_mm, distal_mm[on_palm] + shift_mm
-    distance_mm = np.full(len(shift_mm), np.inf)
-    for line in PALM_LINES_MM:
-        for start, end in itertools.pairwise(line):
-            x, y = radial_mm - start[0], distal_mm - start[1]
-            dx, dy = end[0] - start[0], end[1] - start[1]
-            along = np.clip((x * dx + y * dy) / (dx * dx + dy * dy), 0, 1)
-            distance_mm = np.minimum(
-                distance_mm, np.sqrt((x - along * dx) ** 2 + (y - along * dy) ** 2)
-            )
-    fold = np.zeros(len(on_palm))
-    fold[on_palm] = np.exp(-((1e-3 * distance_mm / (1.3 * CREASE_WIDTH_M)) ** 2))
-    return fold
+    for n in range(len(palm_mm)):
+        if low_mm < palm_mm[n, 2] < high_mm and palm_mm[n, 1] < PALM_END_MM:
+            shift_mm, nearest_mm2 = 1.5e3 * wobble_m[n], np.inf
+            for m in range(len(segments_mm)):
+                start, end = segments_mm[m]
+                x, y = palm_mm[n, 0] + shift_mm - start[0], palm_mm[n, 1] + shift_mm - start[1]
+                dx, dy = end[0] - start[0], end[1] - start[1]
+                along = min(max((x * dx + y * dy) / (dx * dx + dy * dy), 0.0), 1.0)
+                nearest_mm2 = min(nearest_mm2, (x - along * dx) ** 2 + (y - along * dy) ** 2)
+            strength = np.exp(-nearest_mm2 / (1.3e3 * CREASE_WIDTH_M) ** 2)
+            fold[n] = max(fold[n], strength)
 
 
-def _nail(bone: Bone, radius_m: float, points_m: np.ndarray) -> np.ndarray:
-    """Compute the factor [n, 3] by which a nail changes the skin's reflectance at points [n, 3]: a
-    paler plate with a dark border on the back of the digit's last bone. radius_m: of the
-    fingertip."""
-    relative = points_m - bone.at(0.80 * bone.length_m)
-    along, across = (
-        relative @ bone.axis / (0.95 * radius_m),
-        relative @ np.cross(bone.axis, bone.palmar),
-    )
-    outline = (along**4 + (across / (0.72 * radius_m)) ** 4) ** 0.25
-    dorsal = relative @ bone.palmar < 0
+def _nail(bone: Bone, radius_m: float) -> Nail:
+    """Return the nail on the back of a digit's last bone. radius_m: of the fingertip."""
+    across = np.cross(bone.axis, bone.palmar) / (0.72 * radius_m)
+    axes = np.column_stack([bone.axis / (0.95 * radius_m), across, bone.palmar])
+    return Nail(bone.at(0.80 * bone.length_m), axes, bone.length_m)
+
+
+def _nail_factor(along_across_palmar: np.ndarray) -> np.ndarray:
+    """Compute the factor [n, 3] by which a nail changes the skin's reflectance, a paler plate with
+    a dark border, at points [n, 3] in the nail's own coordinates."""
+    along, across, palmar = along_across_palmar.T
+    outline = np.sqrt(np.sqrt(along**4 + across**4))
+    dorsal = palmar < 0
     plate = np.where(dorsal, np.clip((1 - outline) / 0.08, 0, 1), 0.0)[:, None]
     border = np.where(dorsal, np.exp(-(((outline - 1.02) / 0.05) ** 2)), 0.0)[:, None]
     return ((1 - plate + plate * NAIL_TINT) * (1 - 0.25 * border)).astype(np.float32)
