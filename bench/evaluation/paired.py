@@ -189,11 +189,13 @@ def finding(better: str, worse: str, title: str, line: Any, untested: str) -> st
     difference ≥ 0, its interval, its unit and the corrected p; untested: why there is no test, if p
     is NaN."""
     size = round(line.difference, 9)
-    places = 1 + (size < 1) + (size < 0.1)
+    places = 1 + sum(0 < size < limit for limit in (1, 0.1, 0.01, 1e-3))
     unit = "percentage points" if line.unit == "%" else line.unit
     amount = f"{line.difference:.{places}f} {unit}"
     if not np.isnan(line.low):
         amount += f" [{line.low:.{places}f}, {line.high:.{places}f}]".replace("-", "−")
+    if np.isnan(line.p_corrected) and not size:
+        return f"no difference between {better} and {worse} in {title}, not tested: {untested}"
     if np.isnan(line.p_corrected):
         return f"{better} is ahead of {worse} by {amount} ({title}), not tested: {untested}"
     if line.p_corrected < 1 - LEVEL:

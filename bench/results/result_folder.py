@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import TypeAdapter
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
+from handbench.bench.evaluation.intervals import counted
 from handbench.bench.evaluation.tables import LEVEL, SCORES, TABLE, TASKS, each, read, write
 from handbench.bench.results import derived
 from handbench.bench.results.about import About, CaptureFacts, read_about
@@ -56,7 +57,7 @@ class Result:
     def __repr__(self) -> str:
         methods = ", ".join(method.name for method in self.about.methods)
         return (
-            f"<handbench.Result {self.about.name}: {len(self.about.captures)} captures; {methods}>"
+            f"<handbench.Result {self.about.name}: {counted(len(self.about.captures))}; {methods}>"
         )
 
     @cached_property

@@ -92,6 +92,7 @@ def methods_of_tones(capture: RadarCapture, settings: dict[str, MethodSettings])
             allowed.append(id)
         except HandbenchError:
             if own := measured.get(id):
-                yield f"{id} needs, in capture.toml: methods.{id} = {inline_toml(own)}"
+                values = ", ".join(f"{key} = {inline_toml(value)}" for key, value in own.items())
+                yield f"{id} needs in capture.toml, below [methods.{id}]: {values}"
     if allowed:
         yield f"methods that its tones allow as they are: {', '.join(allowed)}"

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from handbench.bench.evaluation.intervals import counted
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.results.result_folder import Result
 from handbench.reports.figures.fronts import pictures, ranked_methods
@@ -179,7 +180,7 @@ def error_over_frames(result: Result) -> Picture:
     count = lines.capture.nunique()
     return Picture(
         "error_frames",
-        f"Mean absolute error over the frames: points are the mean over {count} captures, thin "
+        f"Mean absolute error over the frames: points are the mean over {counted(count)}, thin "
         "lines the captures.",
         f"Mean absolute error of each method in {lines.frame.nunique()} frames.",
         figure,

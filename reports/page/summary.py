@@ -9,6 +9,7 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
+from handbench.bench.evaluation.intervals import counted
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import CaptureFacts, MethodFacts
@@ -88,8 +89,7 @@ def limits(result: Result) -> list[str]:
             ends = (figure(end, unit=unit) for end in lines.value.agg(["min", "max"]))
             texts.append(f"{result.title(metric)} {'–'.join(dict.fromkeys(ends))} {unit}")
     if result.comparisons.p_corrected.isna().all():
-        count = len(result.scored())
-        texts.append(f"{count} capture{'s' * (count != 1)}: no tests")
+        texts.append(f"{counted(len(result.scored()))}: no tests")
     if result.busy():
         texts.append("machine busy: times too long")
     return texts

@@ -64,6 +64,9 @@ def test_what_cannot_be_tested_is_not():
     lines = compare({"a": four, "b": four + 0.5, "c": np.full(4, np.nan)}, "truth")
     assert len(lines) == 1 and lines[["p_corrected", "low"]].isna().all(axis=None)
     assert not shown(lines).any() and best(lines) == []
+    [small] = compare({"a": four, "b": four + 0.004}, "truth").sentence
+    [none] = compare({"a": four, "b": four}, "truth").sentence
+    assert "0.0040 mm" in small and "0.0" not in none  # no lead of 0.00 mm
     assert compare({}, "truth").empty and compare({"a": speckle(0)}, "truth").empty
 
 
