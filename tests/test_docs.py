@@ -23,7 +23,12 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
-MODELS = {"target": SceneFile, "method": BenchFile, "samples": Mapping}  # table → file that has it
+MODELS = {
+    "target": SceneFile,
+    "method": BenchFile,
+    "base": BenchFile,
+    "samples": Mapping,
+}  # table → file that has it
 
 every_page = pytest.mark.parametrize(
     "page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix()

@@ -29,10 +29,11 @@ NOT_RUN = (  # how a block begins: with arguments, on a cluster, inside a functi
     '        "within_2mm": observed',
     '            "within_2mm_percent": 100',
 )
-SLOW = ("docs/tutorial.md", "docs/own_data.md", "docs/python.md")
+SLOW = ("docs/tutorial.md", "docs/own_data.md", "docs/python.md", "docs/array.md")
 RUN = {  # page → what its commands name if they run
     "docs/tutorial.md": r"hand.toml -o|capture|3fsk.npz|(first|second).toml|runs/first",
     "docs/own_data.md": r" array\b",
+    "docs/array.md": r" capture\b",
 }
 
 

@@ -13,6 +13,7 @@ nearer to it.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -90,13 +91,12 @@ def inspect_capture(folder: Path, capture: str, frames: int) -> None:
 
     A capture that cannot be read gets no warning, because the stages that need it report the error.
     """
-    with fresh_plans():  # those of the imaging stages are timed
-        try:
-            warnings = list(capture_warnings(open_capture(capture), frames))
-        except HandbenchError:
-            warnings = []
-    for warning in warnings:
-        say(f"{capture}: {warning}")
+    warnings: list[str] = []
+    with fresh_plans(), suppress(HandbenchError):  # the plans of the imaging stages are timed
+        recorded = open_capture(capture)
+        warnings = list(capture_warnings(recorded, frames))
+        for warning in warnings:
+            say(f"{recorded.about.name}: {warning}")
     write_json(folder / INSPECTION, {"warnings": warnings})
 
 
