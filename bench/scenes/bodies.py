@@ -10,7 +10,7 @@ import numpy as np
 
 from handbench.bench.scenes.build import Scene
 from handbench.bench.scenes.scene_file import CalibrationTarget, HandTarget
-from handbench.bench.scenes.stand import PLATE_BOX_M, PLATE_M, TEXEL_M, cuboid, plate_print
+from handbench.bench.scenes.stand import PLATE_M, TEXEL_M, cuboid, plate_print
 from handbench.bench.scenes.textures import foam, marked_skin, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.cameras import Camera
@@ -42,41 +42,39 @@ class PhotoBody:
         length of its longest edge, as the camera sees it, of a vertex."""
         import cv2
 
-        places_px = camera.project(self.vertices_m)[self.faces]
-        edges_px = np.linalg.norm(places_px - np.roll(places_px, 1, axis=1), axis=2)
-        # of corners behind the camera nothing is known
-        cell_px = np.nan_to_num(np.ceil(edges_px.max()), nan=max(camera.width, camera.height))
-        shape = [int(side // cell_px) + 3 for side in (camera.height, camera.width)]
-        cells = np.floor(places_px.reshape(-1, 2)[:, ::-1] / cell_px) + 1
+        places_px = camera.project(self.vertices_m)
+        edges_px = places_px[self.faces] - places_px[np.roll(self.faces, 1, axis=1)]
+        longest_px = np.linalg.norm(edges_px, axis=2).max()
+        if not longest_px < camera.width:  # as when a corner is behind the camera
+            return np.ones((camera.height, camera.width), dtype=bool)
+        cell_px = int(np.ceil(longest_px))
+        shape = camera.height // cell_px + 3, camera.width // cell_px + 3
+        cells = np.floor(places_px[:, ::-1] / cell_px) + 1
         cells = cells[((cells >= 0) & (cells < shape)).all(axis=1)].astype(int)
         touched = np.zeros(shape, np.uint8)
         touched[tuple(cells.T)] = 1
         near = cv2.dilate(touched, np.ones((3, 3)))[1:, 1:] > 0
-        near = near.repeat(int(cell_px), axis=0).repeat(int(cell_px), axis=1)
+        near = near.repeat(cell_px, axis=0).repeat(cell_px, axis=1)
         return near[: camera.height, : camera.width]
 
 
 def bodies(scene: Scene) -> list[PhotoBody]:
-    """Return the surfaces that the cameras see, but for the printed front of the back plate: the
-    target, the plate's sides and, if the scene has one, the block under the forearm."""
+    """Return the surfaces that the cameras see before the back plate's printed front: the target
+    and, if the scene has one, the block under the forearm."""
     matrix = scene.radar_from_target.inverse().matrix @ scene.radar_from_photo.matrix
     target_from_photo = Transform("photo", "target", matrix)
     # each texture adds its own small number to it
     seed = 1000 * (scene.file.seed + 1)
-    texture, plain = _target_texture(scene, seed), partial(styrodur, seed=seed + 200)
-    vertices_m, faces = cuboid(PLATE_BOX_M, GRID_M)
-    sides = np.ptp(vertices_m[faces, 2], axis=1) > 0
-    result = [
-        _body(
-            scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices)),
-            np.asarray(scene.target_mesh.triangles),
-            lambda points_m: texture(target_from_photo.points(points_m)),
-        ),
-        _body(vertices_m, faces[sides], plain),
-    ]
-    if scene.block_m is not None:
-        result.append(_body(*cuboid(scene.block_m, GRID_M), plain))
-    return result
+    texture = _target_texture(scene, seed)
+    vertices_m = scene.radar_from_photo.inverse().points(np.asarray(scene.target_mesh.vertices))
+    target = _body(
+        vertices_m,
+        np.asarray(scene.target_mesh.triangles),
+        lambda points_m: texture(target_from_photo.points(points_m)),
+    )
+    if scene.block_m is None:
+        return [target]
+    return [target, _body(*cuboid(scene.block_m, GRID_M), partial(styrodur, seed=seed + 200))]
 
 
 def _target_texture(scene: Scene, seed: int) -> Albedo:
@@ -90,14 +88,8 @@ def _target_texture(scene: Scene, seed: int) -> Albedo:
 
 def _body(vertices_m: np.ndarray, faces: np.ndarray, albedo: Albedo) -> PhotoBody:
     surface = mesh(vertices_m, faces)
-    surface.remove_unreferenced_vertices()
     surface.compute_vertex_normals()
-    return PhotoBody(
-        np.asarray(surface.vertices),
-        np.asarray(surface.triangles),
-        np.asarray(surface.vertex_normals),
-        albedo,
-    )
+    return PhotoBody(vertices_m, faces, np.asarray(surface.vertex_normals), albedo)
 
 
 def lit_print(scene: Scene, rays: RaycastingScene) -> np.ndarray:

@@ -104,13 +104,13 @@ class Studio:
         """
         origin_m, rays = camera.centre_m.astype(np.float32), ray_directions(camera, pixels)
         radiance, depth_m = self._background(origin_m, rays)
-        rays = rays[near]
+        pixel = np.flatnonzero(near)
+        rays = rays.reshape(-1, 3)[pixel]
         query = np.hstack([np.broadcast_to(origin_m, rays.shape), rays])
         hits = {
             key: hit.numpy()
             for key, hit in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
         }
-        row, column = np.nonzero(near)
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
             seen = np.flatnonzero(hits["geometry_ids"] == number)
             along_m, uv = hits["t_hit"][seen], hits["primitive_uvs"][seen]
@@ -118,8 +118,8 @@ class Studio:
             corners = body.faces[hits["primitive_ids"][seen]]
             irradiance = np.einsum("ij,ij->i", light[corners], weights).astype(np.float32)
             points_m = origin_m + along_m[:, None] * rays[seen]
-            radiance[row[seen], column[seen]] = body.albedo(points_m) * irradiance[:, None]
-            depth_m[row[seen], column[seen]] = along_m + APART_M * (number + 1)
+            radiance.reshape(-1, 3)[pixel[seen]] = body.albedo(points_m) * irradiance[:, None]
+            depth_m.reshape(-1)[pixel[seen]] = along_m + APART_M * (number + 1)
         return radiance, depth_m
 
     def _background(self, origin_m: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
