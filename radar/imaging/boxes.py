@@ -12,6 +12,7 @@ differs little between antennas, so float32 is enough for its phase.
 import math
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from handbench.radar.imaging.steering import cis_small, cis_turns
 from handbench.radar.imaging.tree import Node, Step
@@ -181,10 +182,18 @@ def radiate(
     """
     waves = []
     for leg, gain in enumerate(gains):
-        position_m, n = leaf.legs[leg].position_m, points_m.shape[1]
-        wave = np.empty((len(leaf.turns_per_m), 2 * len(position_m), n), np.float32)
-        at = position_m, passes[leg], leaf.lengths_m[leg], leaf.box.centre_m, reference_m[leg]
-        _waves(points_m, *at, leaf.turns_per_m, gain, wave)
+        at, length_m = leaf.legs[leg].position_m, leaf.lengths_m[leg]
+        to_points_m, to_centre_m = (
+            passes[leg] * np.linalg.norm(place_m - reference_m[leg], axis=-1)
+            for place_m in (points_m.T, leaf.box.centre_m)
+        )
+        reference = to_points_m - to_centre_m
+        difference_m = passes[leg] * cdist(at, points_m.T) - length_m[:, None] - reference
+        turns = leaf.turns_per_m[:, None] * reference
+        phases = (turns - np.rint(turns)).astype(np.float32)
+        wave = np.empty((len(phases), 2 * len(at), len(reference)), np.float32)
+        per_m = leaf.turns_per_m.astype(np.float32)
+        _waves(difference_m.astype(np.float32), phases, per_m, gain, wave)
         waves.append(wave)
     n_a, n_b = (wave.shape[1] // 2 for wave in waves)
     product = waves[0] @ waves[1].swapaxes(1, 2)
@@ -194,27 +203,17 @@ def radiate(
 
 
 @njit(**FAST)
-def _waves(  # type: ignore[no-untyped-def]
-    points_m, position_m, passes, length_m, centre_m, reference_m, turns_per_m, gain, out
-):
+def _waves(difference_m, phases, turns_per_m, gain, out):  # type: ignore[no-untyped-def]
     """Write g exp(−j2πfΔR/c) of the antennas of a leg to out [k, 2a, n]: real parts above imaginary
-    parts."""
-    n_a, n = len(position_m), points_m.shape[1]
-    reference, phases = np.empty(n), np.empty(n, np.float32)
-    difference_m = np.empty((n_a, n), np.float32)
-    differences(
-        points_m, position_m, passes, length_m, centre_m, reference_m, difference_m, reference
-    )
-    for m in range(len(turns_per_m)):
-        per_m, g = np.float32(turns_per_m[m]), gain[m % len(gain)]
-        for p in range(n):
-            turns = turns_per_m[m] * reference[p]
-            phases[p] = turns - np.rint(turns)
-        for a in range(n_a):
-            for p in range(n):
-                cosine, sine = cis_small(per_m * difference_m[a, p] + phases[p])
+    parts. difference_m [a, n]: ΔR less that of the reference point, whose phases, in turns, are
+    phases [k, n]; gain: g [k or 1, 2, a, n]."""
+    for m in range(len(out)):
+        per_m, g = turns_per_m[m], gain[m % len(gain)]
+        for a in range(len(difference_m)):
+            for p in range(phases.shape[1]):
+                cosine, sine = cis_small(per_m * difference_m[a, p] + phases[m, p])
                 out[m, a, p] = g[0, a, p] * cosine + g[1, a, p] * sine
-                out[m, n_a + a, p] = g[1, a, p] * cosine - g[0, a, p] * sine
+                out[m, len(difference_m) + a, p] = g[1, a, p] * cosine - g[0, a, p] * sine
 
 
 @njit(**INNER)

@@ -8,6 +8,7 @@ the least-squares solution for a spectrum that is concentrated at ±w; that for 
 sinc) has three times larger errors there.
 """
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -37,7 +38,11 @@ def skeleton(gram: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     Its pivoted Cholesky decomposition chooses members until no other is further than `tolerance`
     from the span of those chosen.
     """
-    index, factor = _pivoted_cholesky(np.ascontiguousarray(gram, np.float64), tolerance**2)
+    n = len(gram)
+    index, factor = np.empty(n, np.int64), np.empty((n, n))
+    residual = gram.diagonal().copy()
+    count = _pivoted_cholesky(np.ascontiguousarray(gram), tolerance**2, residual, index, factor)
+    index, factor = index[:count], factor[:count]
     # G_ss⁻¹ G_s,all with G = factorᵀ factor; the checks of solve_triangular would take a quarter of
     # a plan's time
     weights, _ = dtrtrs(factor[:, index].T, factor, lower=1, trans=1)
@@ -59,11 +64,10 @@ def band_kernel(a: np.ndarray, b: np.ndarray, half_band: np.ndarray) -> np.ndarr
 
 
 @njit(nogil=True, cache=True, fastmath={"contract", "reassoc", "nsz"})
-def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
+def _pivoted_cholesky(gram, least, residual, index, factor):  # type: ignore[no-untyped-def]
+    """Write the pivots and rows of the decomposition of gram [n, n], whose diagonal is `residual`,
+    to index [n] and factor [n, n], until all residuals are at most `least`; return their number."""
     n = len(gram)
-    residual, factor, index = np.empty(n), np.empty((n, n)), np.empty(n, np.int64)
-    for j in range(n):
-        residual[j] = gram[j, j]
     for k in range(n):
         pivot = 0
         # symmetric arrays have ties, which rounding must not decide: the first one counts
@@ -71,7 +75,7 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
             if residual[j] > (1 + TIE) * residual[pivot]:
                 pivot = j
         if residual[pivot] <= least:
-            return index[:k], factor[:k]
+            return k
         row = factor[k]
         for j in range(n):
             row[j] = gram[pivot, j]
@@ -79,13 +83,13 @@ def _pivoted_cholesky(gram, least):  # type: ignore[no-untyped-def]
             weight = factor[i, pivot]
             for j in range(n):
                 row[j] -= weight * factor[i, j]
-        scale = 1 / np.sqrt(residual[pivot])
+        scale = 1 / math.sqrt(residual[pivot])
         for j in range(n):
             row[j] *= scale
             residual[j] -= row[j] * row[j]
         residual[pivot] = 0.0
         index[k] = pivot
-    return index, factor
+    return n
 
 
 def resampler(

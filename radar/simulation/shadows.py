@@ -22,6 +22,7 @@ the facets of coarse faces), for few antennas of each line and for three tones, 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -184,24 +185,24 @@ def edge_waves(
     centres_m = np.add.reduceat(ways_m, starts[:-1], axis=1) / sizes
     off_m = ways_m - np.repeat(centres_m, sizes, axis=1)
     radii_m = np.sqrt(np.maximum.reduceat((off_m**2).sum(axis=0), starts[:-1]))
-    _waves(ways_m, starts, centres_m, radii_m, outline, wavenumbers, wavenumbers.mean(), waves)
+    kept = np.empty((2, len(points_m)), np.float32)
+    cubes = np.column_stack([centres_m.T, radii_m])
+    _waves(ways_m, starts, cubes, outline, wavenumbers, wavenumbers.mean(), *kept, waves)
     return np.asarray(waves[0] + np.complex64(1j) * waves[1])
 
 
 @njit(**FAST)
 def _waves(  # type: ignore[no-untyped-def]
-    ways_m, starts, centres_m, radii_m, edges_m, wavenumbers, wavenumber, waves
+    ways_m, starts, cubes, edges_m, wavenumbers, wavenumber, amplitude, detour_m, waves
 ):
     """Add the field that edges diffract to points to `waves` [2, k, n] (real, imaginary part), cube
-    by cube (centres [3, cubes], radii [cubes]), with only those edges that matter for some point of
-    the cube."""
-    amplitude, detour_m = np.empty_like(ways_m[0]), np.empty_like(ways_m[0])
-    for cube in range(len(radii_m)):
+    by cube (centre and radius: cubes [cubes, 4]), with only those edges that matter for some point
+    of the cube. amplitude, detour_m [n]: overwritten."""
+    for cube in range(len(cubes)):
         here = slice(starts[cube], starts[cube + 1])
         x, y, z = ways_m[0, here], ways_m[1, here], ways_m[2, here]
-        centre = centres_m[0, cube], centres_m[1, cube], centres_m[2, cube]
         for e in range(len(edges_m)):
-            if not _near(edges_m[e], centre, radii_m[cube], FARTHEST / wavenumber):
+            if not _near(edges_m[e], cubes[cube], FARTHEST / wavenumber):
                 continue
             _edge(x, y, z, edges_m[e], wavenumber, amplitude, detour_m)
             for k in range(len(wavenumbers)):
@@ -214,18 +215,18 @@ def _waves(  # type: ignore[no-untyped-def]
 
 
 @njit(**INNER)
-def _near(edge_m, centre_m, radius_m, latest_m):  # type: ignore[no-untyped-def]
+def _near(edge_m, cube, latest_m):  # type: ignore[no-untyped-def]
     """Return whether an edge matters for some point of a cube (centre, radius): whether it bends
     the ray to it by a tangent of at most WIDEST, and lengthens it by at most latest_m."""
     square_m2, before_m, length_m2 = 0.0, 0.0, 0.0
     for i in range(3):
         square_m2 += edge_m[i] * edge_m[i]
-        before_m += edge_m[i] * centre_m[i]
-        length_m2 += centre_m[i] * centre_m[i]
-    length_m = np.sqrt(length_m2)
+        before_m += edge_m[i] * cube[i]
+        length_m2 += cube[i] * cube[i]
+    length_m, radius_m = math.sqrt(length_m2), cube[3]
     before_m /= length_m
     behind_m = length_m + radius_m - before_m
-    off_m = max(np.sqrt(max(square_m2 - before_m * before_m, 0.0)) - radius_m, 0.0)
+    off_m = max(math.sqrt(max(square_m2 - before_m * before_m, 0.0)) - radius_m, 0.0)
     wide = (before_m <= 0) | (behind_m <= 0) | (off_m > WIDEST * behind_m)
     return not wide and off_m * off_m <= latest_m * (latest_m + 2 * behind_m)
 
@@ -241,27 +242,28 @@ def _edge(  # type: ignore[no-untyped-def]
     amplitude is smaller where the phase differs between start and end, and 0 where the edge does
     not count.
     """
-    mx, my, mz, hx, hy, hz, within_m = edge_m
+    mx, my, mz = edge_m[0], edge_m[1], edge_m[2]
+    hx, hy, hz = edge_m[3], edge_m[4], edge_m[5]
     nx, ny, nz = TWO * (hy * mz - hz * my), TWO * (hz * mx - hx * mz), TWO * (hx * my - hy * mx)
-    far_m = np.sqrt(mx * mx + my * my + mz * mz)
+    far_m = math.sqrt(mx * mx + my * my + mz * mz)
     inverse, half_m2 = ONE / far_m, hx * hx + hy * hy + hz * hz
-    sixth = np.float32(wavenumber / np.sqrt(6.0))
+    sixth = np.float32(wavenumber / math.sqrt(6.0))
     late, wide = np.float32(wavenumber / FARTHEST), np.float32(1 / WIDEST)
     for p in range(len(x_m)):
         x, y, z = x_m[p], y_m[p], z_m[p]
-        way_m = np.sqrt(x * x + y * y + z * z)
+        way_m = math.sqrt(x * x + y * y + z * z)
         x, y, z = x / way_m, y / way_m, z / way_m
         before_m, half_along_m = mx * x + my * y + mz * z, hx * x + hy * y + hz * z
         ox, oy, oz = mx - before_m * x, my - before_m * y, mz - before_m * z
         off_m2 = ox * ox + oy * oy + oz * oz
-        off_m, behind_m = np.sqrt(off_m2), max(way_m - before_m, TINY_M)
-        close_m = np.sqrt(behind_m * behind_m + off_m2)
+        off_m, behind_m = math.sqrt(off_m2), max(way_m - before_m, TINY_M)
+        close_m = math.sqrt(behind_m * behind_m + off_m2)
         detour_m[p] = off_m2 / (far_m + before_m) + off_m2 / (close_m + behind_m)
         uneven = sixth * (ox * hx + oy * hy + oz * hz) * (inverse + ONE / close_m)
         weight = _fade(wide * off_m / behind_m) * _fade(late * detour_m[p])
         weight /= ONE + uneven * uneven  # sin(x)/x of half the difference of phase
         turns = _turns(nx * x + ny * y + nz * z, off_m2 - half_m2 + half_along_m * half_along_m)
-        amplitude[p] = turns * weight if way_m < within_m + off_m else ZERO
+        amplitude[p] = turns * weight if way_m < edge_m[6] + off_m else ZERO
 
 
 @njit(inline="always")
