@@ -24,10 +24,11 @@ MAY_IMPORT = {
     "cli": (*BELOW_CLI, "reports", "interface"),
     "interface": BELOW_CLI,  # and reports and cli, inside functions
 }
-ONE_DOOR = {  # imports that need preparation happen in one place
+ONE_DOOR = {  # imports that need preparation, or a licence of their own, happen in one place
     "numba": "handbench/support/compiled.py",
     "open3d": "handbench/support/rays.py",
     "pycolmap": "groundtruth/cameras.py",
+    "pymeshlab": "bench/scenes/implicit.py",  # under the GPL, see the README
 }
 FACE = ("handbench/__init__.py", "handbench/__main__.py")  # they import what they are asked for
 STUDIES = "bench.studies"  # scripts, which nothing else may need

@@ -45,6 +45,7 @@ TASKS: Schema = {  # tasks.csv: one stage of one capture a line
     "cached": bool,  # the time is an earlier run's
     "plan_seconds": float,  # what the first image of a geometry took longer
     "host": str,  # the machine that did it
+    "gemm_gflops": float,  # that machine's rate of float32 matrix products
     "others_cores": float,  # cores that other work took meanwhile
 }
 SCORES: Schema = {  # scores.csv: one figure of one method on one capture a line

@@ -2,7 +2,6 @@
 mesh of well-shaped triangles."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -140,8 +139,8 @@ def zero_set(
     field: Field, lower_m: np.ndarray, upper_m: np.ndarray, edge_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the surface on which a signed distance is zero, as vertices [n, 3] and outward
-    triangles [m, 3] with edges of about edge_m. Of several surfaces, the one with the most
-    triangles counts.
+    triangles [m, 3] with edges of about edge_m. Of several surfaces, the one with more than half
+    of the triangles counts.
 
     lower_m, upper_m [3]: corners of a box around the surface. After marching cubes, every vertex is
     moved to the mean of its neighbours a few times, which makes the triangles even, and back onto
@@ -156,7 +155,9 @@ def zero_set(
     values = lattice(field, lower_m, upper_m, step_m)
     corners, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
     corners, faces = largest(corners.astype(np.float64), faces)
-    joined = _edges(faces, len(corners))
+    # each edge of a closed mesh is met once in either direction
+    ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    joined = sparse.coo_array((np.ones(len(ends[0])), ends), (len(corners),) * 2).tocsr()
     mean = sparse.diags_array(1 / joined.sum(axis=1)) @ joined
     vertices_m = lower_m + step_m * corners
     for _ in range(SMOOTHINGS):
@@ -171,24 +172,15 @@ def zero_set(
 
 
 def largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the vertices [n, 3] and triangles [m, 3] of the piece of a mesh with the most
-    triangles."""
-    from scipy.sparse import csgraph
+    """Return the vertices [n, 3] and triangles [m, 3] of the piece of a mesh with more than half
+    of the triangles."""
+    import pymeshlab
 
-    _, piece = csgraph.connected_components(_edges(faces, len(vertices)), directed=False)
-    of_face = piece[faces[:, 0]]
-    used, corner = np.unique(faces[of_face == np.bincount(of_face).argmax()], return_inverse=True)
-    return vertices[used], corner.reshape(-1, 3).astype(faces.dtype)
-
-
-def _edges(faces: np.ndarray, count: int) -> Any:
-    """Return the sparse matrix [count, count] that is 1 where an edge of the triangles [m, 3] joins
-    two vertices."""
-    from scipy import sparse
-
-    # each edge of a closed mesh is met once in either direction
-    ends = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
-    return sparse.coo_array((np.ones(len(ends[0])), ends), (count, count)).tocsr()
+    pieces = pymeshlab.MeshSet(verbose=False)
+    pieces.add_mesh(pymeshlab.Mesh(vertices, faces))
+    pieces.meshing_remove_connected_component_by_face_number(mincomponentsize=len(faces) // 2)
+    piece = pieces.current_mesh()
+    return piece.vertex_matrix(), piece.face_matrix()
 
 
 def triangle_quality(triangles_m: np.ndarray) -> np.ndarray:

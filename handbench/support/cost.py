@@ -1,5 +1,5 @@
-"""Measure what work costs (wall-clock time, processor time, peak memory) and on which machine, and
-refuse work that would take too much memory before it begins."""
+"""Measure what work costs (wall-clock time, processor time, peak memory) and the machine's speed,
+and refuse work that would take too much memory before it begins."""
 
 import os
 import platform
@@ -20,6 +20,8 @@ from handbench.support.errors import HandbenchError
 
 LITTLE_BYTES = 2**26  # of memory, which every machine has
 SAMPLE_S = 0.05
+GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
+GEMM_S = 0.5
 
 
 @dataclass
@@ -72,8 +74,9 @@ def _times_s() -> np.ndarray:
 @cache
 def machine() -> dict[str, Any]:
     """Return facts of this machine that affect computing times, measured once per process: its name
-    ("host"), processor, number of cores that this process may use, memory_gb, operating system, and
-    version of Python."""
+    ("host"), processor, number of cores, memory_gb, operating system, version of Python, and its
+    rate of matrix products ("gemm_gflops"), by which times of different machines can be
+    compared."""
     return {
         "host": platform.node(),
         "processor": _processor(),
@@ -81,6 +84,7 @@ def machine() -> dict[str, Any]:
         "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
         "system": platform.platform(),
         "python": platform.python_version(),
+        "gemm_gflops": round(gemm_gflops(), 1),
     }
 
 
@@ -89,6 +93,20 @@ def _processor() -> str:
     facts = Path("/proc/cpuinfo").read_text("utf-8", "replace")
     named = re.search(r"model name\s*:\s*(.*)", facts)
     return named[1] if named else platform.machine()
+
+
+def gemm_gflops() -> float:
+    """Measure the rate of float32 matrix products on all cores, GFLOP/s.
+    The best rate within half a second is returned, because other work on the machine can only lower
+    it."""
+    generator = np.random.default_rng(0)
+    a, b = (generator.standard_normal((GEMM_SIZE, GEMM_SIZE), dtype=np.float32) for _ in range(2))
+    np.matmul(a, b)  # threads and buffers are made once
+    best_s, end = float("inf"), time.perf_counter() + GEMM_S
+    while (start := time.perf_counter()) < end:
+        np.matmul(a, b)
+        best_s = min(best_s, time.perf_counter() - start)
+    return 2e-9 * GEMM_SIZE**3 / best_s
 
 
 def require_memory(needed_bytes: float, what: str, advice: str) -> None:

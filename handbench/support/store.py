@@ -165,9 +165,9 @@ def _each(arguments: Any, part: int) -> Any:
     return arguments
 
 
-def cached(root: Path, stage: Stage) -> tuple[Cost, bool]:
+def cached(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
     """Carry out a stage, unless the store `root` has its complete result.
-    Returns the cost of making the result, and
+    facts: of this machine (None: they are measured). Returns the cost of making the result, and
     whether it was in the store already. A result whose files changed is reported and computed
     again."""
     require_owned(root)
@@ -179,11 +179,12 @@ def cached(root: Path, stage: Stage) -> tuple[Cost, bool]:
             if stamp.pop("content", "") == _digest(folder, stamp):
                 return Cost(**stamp), True
         say(f"{folder}: its files changed since they were written, so it is computed again")
+    facts = facts or machine()  # once, before anything is timed
     with atomic_folder(folder) as temporary:
         # in a process of its own or not, sums of matrices are the same
         with measured() as cost, one_blas_thread() if stage.shares else nullcontext():
             stage.function(temporary, **stage.arguments)
-        stamp = asdict(cost) | {"machine": machine()}
+        stamp = asdict(cost) | {"machine": facts}
         write_json(temporary / STAMP, {**stamp, "content": _digest(temporary, stamp)})
     return Cost(**stamp), False
 

@@ -17,7 +17,7 @@ from handbench.bench.results.result_folder import Result
 AXIS_M = 2.5e-3 * np.arange(36)
 REFERENCE_M = np.full((36, 36), 0.3)
 NAMES = ("B", "F", "U", "V", "W", "X")
-TASK = ("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None)
+TASK = ("B, 3-FSK", "B", "3fsk", "image", 0.5, 0.9, None, True, None, "", None, None)
 
 
 def errors_of(errors_mm: np.ndarray, z_m: np.ndarray = REFERENCE_M) -> ErrorMap:

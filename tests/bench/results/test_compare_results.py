@@ -114,7 +114,7 @@ def test_what_else_differs_is_named(tmp_path):
     method = a.about.methods[0].model_copy(update={"config": {"B": {"step_m": 0.002}}})
     about = {
         "versions": {"handbench": "2"},
-        "machine": {"cores": 50},
+        "machine": {"gemm_gflops": 50.0},
         "inputs": {"B": "c" * 64, "F": "b" * 64},
         "methods": (method,),
     }
@@ -123,7 +123,7 @@ def test_what_else_differs_is_named(tmp_path):
     assert sorted(compare_results(a, b).changes.itertuples(index=False, name=None)) == [
         ("configuration", "method.3fsk.precision", "", "True"),
         ("input", "B", "a" * 12, "c" * 12),
-        ("machine", "cores", "", "50"),
+        ("machine", "gemm_gflops", "", "50.0"),
         ("settings", "3fsk.step_m", "0.001", "0.002"),
         ("version", "handbench", "1", "2"),
     ]
