@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from handbench.support.cost import Cost
+from handbench.support.cost import Cost, machine
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import begin_process, script_left_out, workers
 from handbench.support.progress import Work, say
@@ -100,10 +100,11 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_exception(error)
 
 
-def elsewhere(root: Path, stage: Stage) -> tuple[Cost, bool]:
+def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None) -> tuple[Cost, bool]:
     """Carry out a stage in a worker process, as `cached` does.
-    root: folder of all stages. Raises HandbenchError if the worker does not see this folder, or has
-    other versions of handbench or of its libraries."""
+    root: folder of all stages. facts: of this machine (None: they are measured here). Raises
+    HandbenchError if the worker does not see this folder, or has other versions of handbench or of
+    its libraries."""
     if not root.is_dir():
         raise HandbenchError(
             f"{root}: this machine does not have the result folder; put it on a disk that all "
@@ -115,7 +116,7 @@ def elsewhere(root: Path, stage: Stage) -> tuple[Cost, bool]:
             "the client; install the same versions on both"
         )
     with _ALONE:
-        return cached(root, stage)
+        return cached(root, stage, facts)
 
 
 def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple[Cost, bool]]:
@@ -124,8 +125,10 @@ def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple
     are carried out in this process before this function returns, because the time of imaging is a
     result. executor: None for this process alone."""
     beside = stage.shares and not stage.folder(root).exists()
-    if isinstance(executor, DaskExecutor) or (executor is not None and beside):
-        return executor.submit(elsewhere, root, stage)
+    cluster = isinstance(executor, DaskExecutor)
+    facts = None if cluster else machine()  # measured with the first stage, before others run
+    if executor is not None and (cluster or beside):
+        return executor.submit(elsewhere, root, stage, facts)
     future: Future[tuple[Cost, bool]] = Future()
     try:
         future.set_result(cached(root, stage))
@@ -310,6 +313,7 @@ class Engine:
                 "cached": cached,
                 "plan_seconds": times.get("plan_seconds"),
                 "host": host,
+                "gemm_gflops": cost.machine.get("gemm_gflops"),
                 "others_cores": cost.others_cores,
             }
         )

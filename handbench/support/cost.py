@@ -21,7 +21,7 @@ from handbench.support.errors import HandbenchError
 LITTLE_BYTES = 2**26  # of memory, which every machine has
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
-GEMM_S = 0.5
+GEMM_S = 0.1
 
 
 @dataclass
@@ -97,8 +97,8 @@ def _processor() -> str:
 
 def gemm_gflops() -> float:
     """Measure the rate of float32 matrix products on all cores, GFLOP/s.
-    The best rate within half a second is returned, because other work on the machine can only lower
-    it."""
+    The best rate within a tenth of a second is returned, because other work on the machine can only
+    lower it."""
     generator = np.random.default_rng(0)
     a, b = (generator.standard_normal((GEMM_SIZE, GEMM_SIZE), dtype=np.float32) for _ in range(2))
     np.matmul(a, b)  # threads and buffers are made once
