@@ -103,9 +103,12 @@ def _table(text: str) -> "pd.DataFrame":
     """Read the names of files and the positions, metres, in a table with COLUMNS."""
     import pandas as pd  # half a second
 
-    table = pd.read_csv(StringIO(text), usecols=COLUMNS, dtype=dict.fromkeys(PLACES, float))
+    table = pd.read_csv(StringIO(text), dtype=dict.fromkeys(PLACES, float))
+    if absent := [column for column in COLUMNS if column not in table]:
+        raise ValueError(f"it has no column {', '.join(absent)}")
     if table.empty:
         raise ValueError("it lists no file")
+    table = table[COLUMNS]
     if (missing := table.isna().to_numpy()).any():
         row, column = np.argwhere(missing)[0]
         raise ValueError(f"line {row + 2} has no {table.columns[column]}")

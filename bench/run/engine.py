@@ -42,7 +42,7 @@ if TYPE_CHECKING:  # an extra, and what takes a second to import, which other pr
 
 MOST = 4  # processes: a table has about as many long chains
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
-CONNECT_S = 20.0
+CONNECT_S = 10.0
 # print tracebacks of lost connections
 LOGS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 # a cost is measured of the whole process, which therefore carries out one stage at a time

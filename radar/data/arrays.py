@@ -213,7 +213,7 @@ def load_positions(path: str | Path) -> np.ndarray:
 
 def _table(text: str) -> np.ndarray:
     header, *lines = text.strip().split("\n")
-    if re.sub(r'[\s"]', "", header) != "x_m,y_m,z_m" or not lines:
+    if re.sub(r'[\s"]', "", header) != "x_m,y_m,z_m":
         raise ValueError(f"the first line is {header[:80]!r}")
     return np.array([_row(*line) for line in enumerate(lines, 2) if line[1].strip()])
 

@@ -4,7 +4,6 @@ how well the antennas resolve."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from hashlib import blake2b
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +22,8 @@ COMMON = 0.9  # share of the power that no target within NEAR_M causes alike in 
 NEAR_M = 1.0
 LOUD = 6.0  # times the median tone, 15 dB: more than a band's edge or two echoes in phase
 EQUAL = 1e-5  # difference of two tones' samples below which they are copies, with rounding
+COPIED = 1e-12  # lack of coherence of copies: rounding causes 1e-14, noise of -100 dB 1e-10
+COMPARED = 1000
 NAMED = 5  # runs of numbers at most that a sentence names
 
 
@@ -76,11 +77,15 @@ def frames_with_echoes(samples: np.ndarray) -> list[int]:
 
 def different_frames(samples: np.ndarray) -> list[int]:
     """Return the numbers of the frames [frame, …] that have an echo and do not repeat an earlier
-    frame bit by bit: each has noise of its own, and counts for the precision."""
-    first: dict[bytes, int] = {}
-    for number in frames_with_echoes(samples):
-        first.setdefault(blake2b(samples[number].tobytes()).digest(), number)
-    return [*first.values()]
+    frame, up to a complex gain and rounding: each has noise of its own, and counts for the
+    precision. Of large frames COMPARED samples are compared."""
+    alive, flat = frames_with_echoes(samples), samples.reshape(len(samples), -1)
+    live = np.flatnonzero(flat.any(axis=0))
+    frames = flat[np.ix_(alive, live[:: 1 + len(live) // COMPARED])].astype(np.complex128)
+    norms = np.linalg.norm(frames, axis=1, keepdims=True)
+    frames /= np.maximum(norms, np.finfo(np.float64).tiny)
+    repeats = np.abs(frames @ frames.conj().T) > 1 - COPIED
+    return [number for k, number in enumerate(alive) if not repeats[k, :k].any()]
 
 
 def frame_problems(samples: np.ndarray) -> Iterator[str]:
@@ -92,8 +97,8 @@ def frame_problems(samples: np.ndarray) -> Iterator[str]:
         yield f"{which} have no echo; the recording may have been cut short"
     if repeated := [*({*alive} - {*different})]:
         yield (
-            f"{_numbered(repeated, len(samples), 'frames')} repeat an earlier one sample for "
-            "sample, so they have no noise and count for no precision; check that they were "
+            f"{_numbered(repeated, len(samples), 'frames')} repeat an earlier one up to a "
+            "gain, so they have no noise and count for no precision; check that they were "
             "recorded, and that no file is read twice"
         )
 

@@ -141,6 +141,7 @@ TORN = WHOLE[:200] + b"\0" * 50 + WHOLE[250:]
         (json, b"9" * 10_000, "JSON"),
         (json, b'{"a": 1,\n"b": 0,3}', '"b": 0,3}'),
         (load_positions, b"x_m,y_m,z_m\n1,2,3\n1,2\n", "line 3"),
+        (load_positions, b"x_m,y_m,z_m\n", "[n, 3]"),
         (npz, b"PK", ".npz"),
         (npz, TORN, ".npz"),
         (npz, stored(np.save, arr=np.zeros(3)), ".npz"),

@@ -76,4 +76,6 @@ def test_another_parameter(tmp_path):
 def test_broken_files_are_refused(tmp_path, files, rows, place):
     source = written(tmp_path, files, rows)
     refuse(lambda: import_touchstone(source, tmp_path / "out"), place)
+    (source / "positions.csv").write_text(HEADER.replace("rx_z_m", "z"))
+    refuse(lambda: import_touchstone(source, tmp_path / "out"), "no column rx_z_m")
     assert not (tmp_path / "out").exists()

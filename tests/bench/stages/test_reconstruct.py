@@ -108,10 +108,12 @@ def test_the_completed_reference_is_the_truth_where_there_is_no_mesh():
 
 
 def test_frames_that_repeat_or_are_silent_count_for_no_precision(recorded, tmp_path):
-    """Of four frames, two are left; the second is no echo, the third the first one again."""
+    """Of four frames, two are left; the second is no echo, the third the first one again with
+    another gain."""
     capture = load_capture(recorded / "echoes.h5")
     samples = capture.samples[[0, 0, 0, 1]]
     samples[1] = 0
+    samples[2] *= 0.7j
     save_capture(recorded / "echoes.h5", replace(capture, samples=samples, frame_times_s=None))
     config = {axis: {"start_m": 0, "stop_m": 0.004, "step_m": 0.002} for axis in "xy"}
     arguments = (str(recorded), "2fsk", config, "cpu", 1, 4)
