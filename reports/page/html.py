@@ -26,11 +26,11 @@ from handbench.reports.page import rendering, scene3d, sections, summary
 from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables.rounding import NONE, figure
 from handbench.reports.tables.table import (
-    NOTE,
     Table,
     differences,
     every_figure,
     main_lines,
+    note,
     of_paper,
     settings,
 )
@@ -111,7 +111,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
             captures=first,
             leads=summary.leads(result),
             main=main,
-            note=NOTE,
+            note=note(result),
             every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
             settings=[

@@ -35,11 +35,17 @@ PAIRS = (  # the main ones
     {"nfsk-plus", "broadband"},
     {"broadband", "narrowband"},
 )
-NOTE = (
-    "Each figure is formed for each capture and then averaged, but for the pooled ones. Small "
-    "print: its 95 % confidence interval and the paper's figure. ★: the best figure and all that "
-    "are not shown to be worse (paired test on the same captures)."
-)
+
+
+def note(result: Result) -> str:
+    """Return a note on how the figures of a result's tables are formed, and on their small print
+    and stars."""
+    papers = " and the paper's figure" if result.table.paper.notna().any() else ""
+    return (
+        "Each figure is formed for each capture and then averaged, but for the pooled ones. Small "
+        f"print: its 95 % confidence interval{papers}. ★: the best figure and all that are not "
+        "shown to be worse (paired test on the same captures)."
+    )
 
 
 def against(result: Result, reference: str) -> str:
