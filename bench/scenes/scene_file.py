@@ -56,11 +56,8 @@ def require_one_of(name: str, known: Collection[str]) -> str:
     return name
 
 
-def _require_effect(name: str) -> str:
-    return require_one_of(name, [effect.id for effect in EFFECTS])
-
-
-EffectName = Annotated[str, AfterValidator(_require_effect)]
+EFFECT_NAMES = [effect.id for effect in EFFECTS]
+EffectName = Annotated[str, AfterValidator(lambda name: require_one_of(name, EFFECT_NAMES))]
 Letter = Annotated[str, AfterValidator(lambda pose: require_one_of(pose, POSES)), Tag("letter")]
 AnyPose = Annotated[
     Letter | Annotated[Pose, Tag("Pose")],
@@ -300,7 +297,7 @@ class SceneFile(Config):
             "offset_m": tuple(offset_m),
             "rotation_deg": tuple(np.add(target.rotation_deg, tilt_deg).tolist()),
         }
-        own = {"name": name_of_person(self.name, number), "seed": self.seed + 1000 * number}
+        own = {"name": f"{self.name}-person-{number:02}", "seed": self.seed + 1000 * number}
         return self.model_copy(update=own | {"target": target.model_copy(update=held)})
 
 
@@ -324,11 +321,6 @@ def named_files(file: SceneFile, folder: Path) -> list[Path]:
                 f"{path}: is missing, although scene '{file.name}' uses it; check the path"
             )
     return paths
-
-
-def name_of_person(scene: str, number: int) -> str:
-    """Return the name of a scene with the hand of the person `number`, such as "hand-person-03"."""
-    return f"{scene}-person-{number:02}"
 
 
 def _placed(

@@ -150,7 +150,6 @@ def test_a_moving_target_has_one_truth_a_frame_with_velocities(
     scene = built(target, tmp_path, sensor=sensor, effects=["motion"])
     simulate_capture(scene, folder, frames=2)
     assert (folder / "truth.ply").read_bytes() == (folder / "truth/000.ply").read_bytes()
-    assert len(list((folder / "truth").iterdir())) == 2
     capture = load_capture(folder / "echoes.h5")
     assert capture.aperture.tx_m[1].tolist() == [0, 0.02, 0]
     assert capture.times_s == pytest.approx([0, 1e-3, 2e-3, 3e-3])
