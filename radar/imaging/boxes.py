@@ -53,10 +53,8 @@ def _turned(
     samples: np.ndarray, turns_per_m: np.ndarray, shift_a: np.ndarray, shift_b: np.ndarray
 ) -> np.ndarray:
     turned = np.empty((*shift_a.shape[:-1], *samples.shape), np.float32)
-    shape = -1, *samples.shape
-    _turn(
-        samples, turns_per_m, np.atleast_2d(shift_a), np.atleast_2d(shift_b), turned.reshape(shape)
-    )
+    shifts = (shift.reshape(-1, shift.shape[-1]) for shift in (shift_a, shift_b))
+    _turn(samples, turns_per_m, *shifts, turned.reshape(-1, *samples.shape))
     return turned
 
 

@@ -146,11 +146,11 @@ def _upsample(
     most = max(ROWS, at_once)
     along_x = np.empty((count, 2, nz, ny, nx), np.float32)
 
-    def widen(part: tuple[int, int, slice]) -> None:
-        image, z, rows = part
+    def widen(part: tuple[int, slice]) -> None:
+        z, rows = part
         carrier = plan.carrier_of(nodes.x_m, nodes.y_m[rows, None], nodes.z_m[z])
-        envelope = images[image, z, rows] * carrier.conj()
-        along_x[image, :, z, rows] = np.stack([envelope.real, envelope.imag]) @ of_x.T
+        envelopes = images[:, z, rows] * carrier.conj()
+        along_x[:, :, z, rows] = np.stack([envelopes.real, envelopes.imag], axis=1) @ of_x.T
 
     def heighten(part: tuple[int, int]) -> None:
         image, first = part
@@ -163,7 +163,7 @@ def _upsample(
             keep(image, slice(first + start, first + start + piece.shape[2]), re, im)
 
     halves = [slice(0, (ny + 1) // 2), slice((ny + 1) // 2, ny)]
-    for_each(widen, list(product(range(count), range(nz), halves)))
+    for_each(widen, list(product(range(nz), halves)))
     for_each(heighten, list(product(range(count), range(0, len(of_y), most))))
 
 

@@ -67,13 +67,16 @@ class Pixels:
     def _sums(self, values: np.ndarray, size_px: int) -> np.ndarray:
         """Add up values [n] over the windows. Each window is summed by itself: a running sum would
         carry rounding errors of strong pixels to weak ones."""
-        from scipy.ndimage import correlate1d  # which settings do not need
-
-        sums = np.zeros([place.max() + 1 for place in self._places])
-        sums[self._places] = values
-        for axis in (0, 1):
-            sums = correlate1d(sums, np.ones(size_px), axis, mode="constant")
-        return np.asarray(sums[self._places])
+        rows, columns = self._places
+        ny, nx = rows.max() + 1, columns.max() + 1
+        padded = np.zeros((ny + size_px - 1, nx + size_px - 1))
+        padded[rows + size_px // 2, columns + size_px // 2] = values
+        along_x, sums = np.zeros((len(padded), nx)), np.zeros((ny, nx))
+        for i in range(size_px):
+            along_x += padded[:, i : i + nx]
+        for i in range(size_px):
+            sums += along_x[i : i + ny]
+        return np.asarray(sums[rows, columns])
 
 
 def masked_mean(values: np.ndarray, size_px: int, weight: np.ndarray | None = None) -> np.ndarray:
