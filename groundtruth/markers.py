@@ -18,6 +18,7 @@ from handbench.support.errors import HandbenchError
 FEWEST_CORNERS = 16  # of a view, for a focal length
 PLAUSIBLE = (0.3, 10.0)  # focal length over the picture's longer side
 REACHES_PX = (4.0, 3.0)  # across the edge, first and second pass
+AROUND_PX = 16  # a marker, of which tones are converted
 REACH = 1 / 8  # largest reach relative to the shortest side; a marker's border is 1/6 to 1/12 of it
 INNER = 0.1  # share at either end of an edge that is left out: blur mixes in the other edge
 STEP_PX = 0.5
@@ -37,20 +38,21 @@ def detect_corners(photo: Photo, board: Board) -> Corners:
     convention, where the first pixel's centre is at 0.5. For the corners of a ChArUco board, the
     number −1 (CHESSBOARD) replaces the marker's id.
     """
-    picture = (photo.gray() * 255).round().astype(np.uint8)
+    tones = read_gray(photo.path)
+    picture = (photo.stretch(tones) * 255).round().astype(np.uint8)
     found = _chessboard_corners(picture, board)
     if board.marker:
         # as the file has them: stretched tones are not on sRGB's curve
-        found |= _marker_corners(picture, to_light(read_gray(photo.path)), board)
+        found |= _marker_corners(picture, tones, board)
     # OpenCV's first pixel is centred at 0, COLMAP's at 0.5
     return {name: at + 0.5 for name, at in found.items()}
 
 
-def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Corners:
+def _marker_corners(picture: np.ndarray, tones: np.ndarray, board: Board) -> Corners:
     """Find the corners of the board's single markers, as intersections of their edges.
 
-    picture [height, width]: the photograph, uint8; light: the same picture in linear light,
-    float32. Returns a dict from (marker's id, number of the corner) to array indices (column, row).
+    picture [height, width]: the photograph, uint8; tones: those of its file in 0 … 1, float32.
+    Returns a dict from (marker's id, number of the corner) to array indices (column, row).
     Markers that appear twice, and corners next to unclear edges, are left out.
     """
     parameters = cv2.aruco.DetectorParameters()
@@ -64,9 +66,17 @@ def _marker_corners(picture: np.ndarray, light: np.ndarray, board: Board) -> Cor
         (name, k): corner
         for name, quad in zip(names, found, strict=True)
         if name in known and names.count(name) == 1
-        for k, corner in enumerate(refine_corners(light, quad.reshape(4, 2).astype(np.float64)))
+        for k, corner in enumerate(_refined(tones, quad.reshape(4, 2).astype(np.float64)))
         if not np.isnan(corner).any()
     }
+
+
+def _refined(tones: np.ndarray, quad: np.ndarray) -> np.ndarray:
+    """Refine the corners [4, 2] of a marker, with the tones around it in linear light."""
+    first = np.maximum(quad.min(axis=0) - AROUND_PX, 0).astype(int)
+    last = quad.max(axis=0).astype(int) + AROUND_PX
+    columns, rows = (slice(*ends) for ends in zip(first, last, strict=True))
+    return first + refine_corners(to_light(tones[rows, columns]), quad - first)
 
 
 def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
@@ -174,7 +184,9 @@ def _edge(
     for _ in range(3):
         if on_line.sum() < CLEAR * len(t):
             return None
-        tilt, middle = np.polyfit(t[on_line], offset[on_line], 1)
+        along_px = t[on_line] - t[on_line].mean()
+        tilt = along_px @ offset[on_line] / (along_px @ along_px)
+        middle = offset[on_line].mean() - tilt * t[on_line].mean()
         distance = np.abs(offset - tilt * t - middle)
         typical = np.median(distance[on_line])
         on_line = clear & (distance <= 4 * typical + 1e-3)

@@ -52,8 +52,12 @@ class Photo:
 
     def gray(self) -> np.ndarray:
         """Read the stretched gray values [height, width], float32 in 0 … 1."""
+        return self.stretch(read_gray(self.path))
+
+    def stretch(self, gray: np.ndarray) -> np.ndarray:
+        """Stretch gray values in 0 … 1 of the file."""
         black, white = self.tones
-        return ((read_gray(self.path) - black) / (white - black)).clip(0, 1)
+        return ((gray - black) / (white - black)).clip(0, 1)
 
     def save_copy(self, path: Path) -> None:
         """Write the gray values as a PNG file of any name, with the EXIF data of the photograph."""
