@@ -358,9 +358,10 @@ def scene_of(bench: BenchFile, base: Path, source: Origin) -> tuple[SceneFile, P
 def load_tradeoff(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]:
     """Read a benchmark file like `load_benchmark`, to measure accuracy against time.
     A benchmark without any sweep gets the methods and rounds of the installed benchmark
-    "tradeoff", with its own settings of these methods where the sweep sets no others. Only captures
-    for the accuracy are kept. If all are scenes, which have a true surface, no photographs are
-    reconstructed: only the first scene has some, and only for a sweep of the ground truth."""
+    "tradeoff", with its own settings of these methods where the sweep sets no others, and keeps its
+    foreign methods. Only captures for the accuracy are kept. If all are scenes, which have a true
+    surface, no photographs are reconstructed: only the first scene has some, and only for a sweep
+    of the ground truth."""
     bench, base = load_benchmark(name)
     if bench.groundtruth.sweep is None and all(entry.label == entry.id for entry in bench.method):
         default, _ = load_benchmark("tradeoff")
@@ -369,7 +370,9 @@ def load_tradeoff(name: str, only: Sequence[str] = ()) -> tuple[BenchFile, Path]
             entry.model_copy(update={"config": configs.get(entry.id, {}) | entry.config})
             for entry in default.method
         )
-        bench = bench.model_copy(update={"method": tuple(entries), "rounds": default.rounds})
+        foreign = (entry for entry in bench.method if entry.foreign)
+        methods = (*entries, *foreign)
+        bench = bench.model_copy(update={"method": methods, "rounds": default.rounds})
     bench = _only(bench, only)
     sources = tuple(source for source in bench.capture if "accuracy" in source.measures)
     if all(source.scene is not None for source in sources):

@@ -2,7 +2,12 @@
 
 from pathlib import Path
 
-from handbench.bench.benchmarks.benchmark_file import BenchFile, load_benchmark, scene_of
+from handbench.bench.benchmarks.benchmark_file import (
+    BenchFile,
+    load_benchmark,
+    load_tradeoff,
+    scene_of,
+)
 from tests.refusals import refuse
 
 HEAD = 'version = 1\nname = "mine"\n'
@@ -21,6 +26,7 @@ def test_captures_and_methods_of_the_base_follow_the_files_own(tmp_path: Path) -
         (*bench.capture, *bench.calibration), (*paper.capture, *paper.calibration), strict=True
     ):
         assert scene_of(bench, base, ours) == scene_of(paper, installed, theirs)
+    assert [m.label for m in load_tradeoff(str(file))[0].method if m.foreign] == ["mine"]
     kept = bench.model_dump(mode="json", exclude_none=True)  # as config.toml keeps it
     assert BenchFile.model_validate(kept) == bench
 
