@@ -1,6 +1,7 @@
 """Implicit surfaces, given by signed distances: primitives, smooth unions, and the zero set as a
 mesh of well-shaped triangles."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -54,12 +55,12 @@ def _to_cone(points, start, unit, length, slope, sine, radius_m):  # type: ignor
     for n in range(len(points)):
         x, y, z = points[n, 0] - start[0], points[n, 1] - start[1], points[n, 2] - start[2]
         along = x * unit[0] + y * unit[1] + z * unit[2]
-        across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
+        across = math.sqrt(max(x * x + y * y + z * z - along * along, 0.0))
         # The nearest sphere of the hull is the one whose centre the cone's normal through the point
         # meets.
         centre = min(max(along - across * slope, 0.0), length)
         off = along - centre
-        distance[n] = np.sqrt(off * off + across * across) - (radius_m - sine * centre)
+        distance[n] = math.sqrt(off * off + across * across) - (radius_m - sine * centre)
     return distance
 
 

@@ -154,11 +154,6 @@ def njit(cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]], 
     return compiled
 
 
-def outer(kernel: Any) -> Any:
-    """Return a kernel of the kind INNER as one that Python code calls, and that numba caches."""
-    return njit(**FAST)(kernel.py_func)
-
-
 def announce(kernel: Any) -> None:
     """Say that kernels are compiled, in place of the processes that a command is about to start, if
     the cache lacks this one for this processor."""

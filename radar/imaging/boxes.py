@@ -230,16 +230,16 @@ def differences(  # type: ignore[no-untyped-def]
         centre_m[1] - reference_m[1],
         centre_m[2] - reference_m[2],
     )
-    at_centre = passes * np.sqrt(cx * cx + cy * cy + cz * cz)
+    at_centre = passes * math.sqrt(cx * cx + cy * cy + cz * cz)
     for p in range(n):
         dx, dy, dz = (
             points_m[0, p] - reference_m[0],
             points_m[1, p] - reference_m[1],
             points_m[2, p] - reference_m[2],
         )
-        reference[p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - at_centre
+        reference[p] = passes * math.sqrt(dx * dx + dy * dy + dz * dz) - at_centre
     for a in range(len(out)):
         ax, ay, az, length = position_m[a, 0], position_m[a, 1], position_m[a, 2], length_m[a]
         for p in range(n):
             dx, dy, dz = points_m[0, p] - ax, points_m[1, p] - ay, points_m[2, p] - az
-            out[a, p] = passes * np.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]
+            out[a, p] = passes * math.sqrt(dx * dx + dy * dy + dz * dz) - length - reference[p]

@@ -7,9 +7,11 @@ block of points replaces t·r exponentials per point. `image_points_exact` is th
 plain numpy, the reference that every faster implementation is compared with.
 """
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from handbench.radar.data.arrays import (
     SPEED_OF_LIGHT_M_S,
@@ -19,7 +21,7 @@ from handbench.radar.data.arrays import (
     channel_ends,
 )
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.steering import cis_turns, distances_m, inner_distances_m, steering
+from handbench.radar.imaging.steering import cis_turns, steering
 from handbench.support.compiled import FAST, njit
 from handbench.support.parallel import for_each
 
@@ -68,16 +70,17 @@ def _block_images(
     """Yield the image of every tone in turn, complex64 [n], at points_m [n, 3]. The points are few
     enough that the factors of the matrix product stay in the cache. stacked: each tone's samples as
     a real matrix, from `_stack`."""
-    points = np.ascontiguousarray(np.asarray(points_m, np.float64).T)
     if not isinstance(aperture, AntennaArray):
         # the second is not looked at where the first is met twice
         to, back = (leg.position_m for leg in aperture.legs)
+        points = np.ascontiguousarray(points_m.T, np.float64)
         for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
             yield _scan_image(
                 s, to, back, aperture.legs[0].passes == 2, points, frequency_hz / SPEED_OF_LIGHT_M_S
             )
         return
-    to, back = (distances_m(leg.position_m, points) for leg in aperture.legs)  # once for all tones
+    # once for all tones
+    to, back = (cdist(leg.position_m, points_m) for leg in aperture.legs)
     a, u = (np.empty((2 * len(to), len(points_m)), np.float32) for _ in range(2))
     b = np.empty((2 * len(back), len(points_m)), np.float32)
     for s, frequency_hz in zip(stacked, frequencies_hz, strict=True):
@@ -111,10 +114,14 @@ def _scan_image(  # type: ignore[no-untyped-def]
     re, im = np.zeros(n, np.float64), np.zeros(n, np.float64)
     for a in range(len(tx_m)):
         s_re, s_im = samples[a].real, samples[a].imag
-        path_m = inner_distances_m(tx_m[a : a + 1], points_m)[0]
-        path_m += path_m if there_and_back else inner_distances_m(rx_m[a : a + 1], points_m)[0]
         for p in range(n):
-            cosine, sine = cis_turns(turns_per_m * path_m[p])
+            x, y, z = points_m[0, p], points_m[1, p], points_m[2, p]
+            dx, dy, dz = x - tx_m[a, 0], y - tx_m[a, 1], z - tx_m[a, 2]
+            to = back = math.sqrt(dx * dx + dy * dy + dz * dz)
+            if not there_and_back:
+                dx, dy, dz = x - rx_m[a, 0], y - rx_m[a, 1], z - rx_m[a, 2]
+                back = math.sqrt(dx * dx + dy * dy + dz * dz)
+            cosine, sine = cis_turns(turns_per_m * (to + back))
             re[p] += s_re * cosine - s_im * sine
             im[p] += s_re * sine + s_im * cosine
     return (re + 1j * im).astype(np.complex64)

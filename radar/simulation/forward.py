@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, positions, tones
 from handbench.radar.data.grid import VoxelGrid
 from handbench.radar.imaging.api import check, image_points, image_volume, points_plan
 from handbench.radar.imaging.cpu import echoes
-from handbench.radar.imaging.steering import GRAZING, distances_m, least_cosine, steering
+from handbench.radar.imaging.steering import GRAZING, least_cosine, steering
 from handbench.radar.imaging.tree import Box, Family, clusters
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import for_each
@@ -242,7 +243,7 @@ def _gain(scatterers: Scatterers, antennas_m: np.ndarray, pattern: float | None)
     if pattern is None:
         return np.ones((len(antennas_m), len(scatterers)), np.float32)
     points_m, normal = scatterers.position_m, scatterers.normal
-    nearness = 1 / distances_m(antennas_m, np.ascontiguousarray(points_m.T, np.float64))
+    nearness = 1 / cdist(antennas_m, points_m)
     gain = nearness = nearness.astype(np.float32)
     if normal is not None:
         towards_m = antennas_m @ normal.T - np.einsum("pi,pi->p", points_m, normal)
@@ -258,8 +259,7 @@ def _simulate_exactly(
 ) -> np.ndarray:
     """Sum the echoes of every scatterer at every tone: complex64 [f, t, r]."""
     legs_m = [leg.position_m for leg in array.legs]
-    points_m = np.ascontiguousarray(scatterers.position_m.T, np.float64)
-    lengths_m = [distances_m(leg_m, points_m) for leg_m in legs_m]
+    lengths_m = [cdist(leg_m, scatterers.position_m) for leg_m in legs_m]
     gains = [_gain(scatterers, leg_m, pattern).astype(np.complex64) for leg_m in legs_m]
     gains[0] *= np.asarray(scatterers.weight, np.complex64)
     samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)

@@ -26,6 +26,8 @@ are three places or more, the mirrors' diffraction, and creeping waves.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.spatial.distance import cdist
 
@@ -240,7 +242,7 @@ def _cross(a, b):  # type: ignore[no-untyped-def]
 
 @njit(**INNER)
 def _unit(a):  # type: ignore[no-untyped-def]
-    scale = 1 / max(np.sqrt(_dot(a, a)), 1e-30)
+    scale = 1 / max(math.sqrt(_dot(a, a)), 1e-30)
     return a[0] * scale, a[1] * scale, a[2] * scale
 
 
@@ -308,7 +310,7 @@ def land(  # type: ignore[no-untyped-def]
         corners, face_n = mirrors[mirror[n]], surface[face[n]]
         ends, normals, flat = face_n[0], face_n[1], _vec(flat_m2[face[n]])
         way = _minus(start, antenna)
-        ray, distance = _unit(way), np.sqrt(_dot(way, way))
+        ray, distance = _unit(way), math.sqrt(_dot(way, way))
         reach = _dot(_minus(_vec(ends[0]), start), flat) / _dot(after, flat)
         end = _ahead(start, reach, after)
         normal = (0.0, 0.0, 0.0)
@@ -331,7 +333,7 @@ def land(  # type: ignore[no-untyped-def]
             for axis in range(3):  # arrays from tuples would take seconds to compile
                 edges[i, axis] = edge[axis]
                 shape[7 + 4 * i + axis, n] = edge[axis]
-            shape[10 + 4 * i, n] = np.sqrt(_dot(way, way)) + step - distance - reach
+            shape[10 + 4 * i, n] = math.sqrt(_dot(way, way)) + step - distance - reach
         shape[0, n] = distance + reach - left_out_m[n]
         for axis in range(3):
             shape[1 + axis, n], shape[4 + axis, n] = end[axis], normal[axis]
@@ -340,7 +342,7 @@ def land(  # type: ignore[no-untyped-def]
         field[n] = 0
         if lit and _dot(growth, growth) < STEEPEST**2:
             p_m2, q_m2 = -_area(corners[0], ray), _area(edges, normal)
-            level = np.sqrt(p_m2 * min(abs(q_m2), WIDEST * p_m2)) / distance
+            level = math.sqrt(p_m2 * min(abs(q_m2), WIDEST * p_m2)) / distance
             onward = _turned(after, normal)
             wave = _reflected(_transverse(dipole, ray), ray, after, fresnel[layers[0, n]])
             wave = _reflected(wave, after, onward, fresnel[layers[1, n]])
@@ -364,7 +366,7 @@ def radiate(starts, eighth, shape, re, im, seen, rx_m, back_m, turns_per_m):  # 
     for r in range(len(rx_m)):
         for n in range(len(gain)):
             x, y, z = rx_m[r, 0] - shape[1, n], rx_m[r, 1] - shape[2, n], rx_m[r, 2] - shape[3, n]
-            away = one / np.sqrt(x * x + y * y + z * z)
+            away = one / math.sqrt(x * x + y * y + z * z)
             x, y, z = x * away, y * away, z * away
             total, squares = zero, zero
             for i in range(7, 19, 4):
@@ -375,7 +377,7 @@ def radiate(starts, eighth, shape, re, im, seen, rx_m, back_m, turns_per_m):  # 
             path[n] = shape[0, n] + (one / away - back_m[r]) + mean
             loss = one + eighth * (squares * twelfth - np.float32(4) * mean * mean)
             cosine = max(shape[4, n] * x + shape[5, n] * y + shape[6, n] * z, zero)
-            gain[n] = seen[r, n] * np.sqrt(cosine) * away / (loss * loss * loss * loss)
+            gain[n] = seen[r, n] * math.sqrt(cosine) * away / (loss * loss * loss * loss)
         for t in range(len(starts) - 1):
             of = slice(starts[t], starts[t + 1])
             for k in range(len(turns_per_m)):
