@@ -81,7 +81,7 @@ def different_frames(samples: np.ndarray) -> list[int]:
     precision. Of large frames COMPARED samples are compared."""
     alive, flat = frames_with_echoes(samples), samples.reshape(len(samples), -1)
     live = np.flatnonzero(flat.any(axis=0))
-    frames = flat[np.ix_(alive, live[:: 1 + len(live) // COMPARED])].astype(np.complex128)
+    frames = flat[:, live[:: 1 + len(live) // COMPARED]][alive].astype(np.complex128)
     norms = np.linalg.norm(frames, axis=1, keepdims=True)
     frames /= np.maximum(norms, np.finfo(np.float64).tiny)
     repeats = np.abs(frames @ frames.conj().T) > 1 - COPIED
