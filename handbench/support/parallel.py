@@ -90,6 +90,15 @@ def one_blas_thread() -> Iterator[None]:
                 _limit.restore_original_limits()
 
 
+@cache  # looking for them takes milliseconds
+def _blas() -> ThreadpoolController:
+    """Return the BLAS libraries of this process: NumPy's, and SciPy's own, which is loaded first,
+    since one that is loaded later would escape the limit."""
+    import scipy.linalg  # noqa: F401
+
+    return ThreadpoolController()
+
+
 @contextmanager
 def script_left_out() -> Iterator[None]:
     """Context manager in which new processes do not run the user's script.
@@ -136,4 +145,3 @@ _inside = local()
 
 _pool = cache(ThreadPoolExecutor)  # kept: starting threads takes longer than imaging a plane's leaf
 os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
-_blas = cache(ThreadpoolController)  # the process's, found once: looking for it takes milliseconds

@@ -26,3 +26,22 @@ def test_a_script_without_a_guard_runs_once(tmp_path, as_module):
     command = [sys.executable, *(["-m", "script"] if as_module else [str(tmp_path / "script.py")])]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=300)
     assert (done.stdout, done.stderr, done.returncode) == ("here\n3\n", "", 0)
+
+
+LIMITED = """
+from handbench.support.parallel import one_blas_thread
+
+with one_blas_thread():
+    import scipy.linalg
+    from threadpoolctl import threadpool_info
+
+    print(*{blas["num_threads"] for blas in threadpool_info() if blas["user_api"] == "blas"})
+"""
+
+
+def test_a_blas_that_is_loaded_later_is_limited_too():
+    """SciPy brings one of its own."""
+    command = [sys.executable, "-c", LIMITED]
+    environment = {"OPENBLAS_NUM_THREADS": "2", "PATH": ""}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
+    assert (done.stdout, done.stderr, done.returncode) == ("1\n", "", 0)
