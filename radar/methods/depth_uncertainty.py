@@ -21,7 +21,7 @@ import numpy as np
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, reach_hz
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
-from handbench.radar.methods.fsk import Fsk, FskStep, fsk
+from handbench.radar.methods.fsk import SHARPER, Fsk, FskStep, fsk
 from handbench.radar.methods.pixels import Pixels
 
 # below so many pixels, a few resolution cells, no median is subtracted: it would hide the noise
@@ -37,8 +37,6 @@ TINY_M = 1e-150
 NOISE = 0.1945
 # share of such pixels above which the whole target is noise (noise only: 0.4 to 0.6)
 NOISY = 0.25
-# a plane whose peak is higher by this factor is in focus: speckle and gloss reach 1.1, a hand 1.24
-SHARPER = 1.15
 TAILS = 1.15  # the noise of velocities has wider tails than a Gaussian of its estimated σ
 OTHER_LINE_OF_SIGHT = 0.014  # share of the velocity
 

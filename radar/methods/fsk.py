@@ -48,6 +48,8 @@ LENGTHS = 500  # of paths whose waves are held at once
 STANDS_OUT = 6.0  # standard deviations of a profile of noise that a peak exceeds
 PER_CELL = 5  # pixels along x and y of a resolution cell that show a peak to 3 %
 AS_HIGH = 0.8  # of peaks of the profile that differ by less, 1 dB, the nearest one is taken
+# a plane whose peak is higher by this factor is in focus: speckle and gloss reach 1.1, a hand 1.24
+SHARPER = 1.15
 
 
 class Fsk(MethodSettings):
@@ -218,10 +220,38 @@ class FskEchoes(NamedTuple):
         if config.doppler:
             repeated = repetition(capture, index)
             index = np.append(index, repeated.measured)
-        if config.first_depth_m == "auto":
-            config = config.model_copy(update={"first_depth_m": first_depth_m(capture, frame)})
-        samples, aperture = scaled_to_one(capture.samples[frame][index]), capture.aperture
-        return cls(samples, capture.vacuum_hz[index], aperture, config, config.pixels, repeated)
+        samples, hz = scaled_to_one(capture.samples[frame][index]), capture.vacuum_hz
+        echoes = cls(samples, hz[index], capture.aperture, config, config.pixels, repeated)
+        if config.first_depth_m != "auto":
+            return echoes
+        # what a few tones beside an even sweep tell is too little
+        period_m = SPEED_OF_LIGHT_M_S / 2 / np.median(np.diff(np.unique(hz)))
+        nearest_m = first_depth_m(capture, frame)
+        # where the near field ends, 2D²/λ, and with it focus
+        end_m = 2 * echoes.extent_m**2 * hz.max() / SPEED_OF_LIGHT_M_S
+        end_m = max(min(end_m, FARTHEST_M), nearest_m + period_m / 2)
+        return echoes.in_focus(np.arange(nearest_m, end_m, period_m))
+
+    @property
+    def extent_m(self) -> float:
+        """The largest extent of the transmitters or receivers along an axis, metres."""
+        return max(np.ptp(leg.position_m, axis=0).max() for leg in self.aperture.legs)
+
+    def in_focus(self, depths_m: np.ndarray) -> FskEchoes:
+        """Return the echoes with that first depth, of some that have the same phases, whose plane
+        has the highest peak. Raises HandbenchError unless it is clearly higher, also when a farther
+        plane's peak is divided by its distance, since its wider resolution cells collect more."""
+        peaks = np.array([self.strongest(z_m).amplitude.max() for z_m in depths_m])
+        best = peaks.argmax()
+        others = SHARPER * peaks * np.maximum(1, depths_m[best] / depths_m)
+        if np.delete(others > peaks[best], best).any():
+            raise HandbenchError(
+                f"first_depth_m: is 'auto', but the tones have the same phases at "
+                f"{depths_m[0]:.3g} m and every {np.diff(depths_m)[0]:.3g} m behind, and no image "
+                "there is clearly the sharpest; give the target's distance in metres"
+            )
+        first_m = float(depths_m[best])
+        return self._replace(config=self.config.model_copy(update={"first_depth_m": first_m}))
 
     def target_plane(self) -> FskStep:
         """Do steps 1 and 2 of the paper's method: image all pixels of a plane at the first two
@@ -236,9 +266,8 @@ class FskEchoes(NamedTuple):
     def strongest(self, z_m: float) -> FskStep:
         """Image the plane z_m at the first two tones, and return the step of the strongest of its
         pixels, about PER_CELL of which along x and y of a resolution cell are looked at."""
-        extent_m = max(np.ptp(leg.position_m, axis=0).max() for leg in self.aperture.legs)
         wavelength_m = SPEED_OF_LIGHT_M_S / self.frequencies_hz[0]
-        step_m = lateral_cell_m(wavelength_m, extent_m, z_m) / PER_CELL
+        step_m = lateral_cell_m(wavelength_m, self.extent_m, z_m) / PER_CELL
         thinned = (
             axis[:: max(1, round(len(axis) / max(1, np.ptp(axis) / step_m)))]
             for axis in (self.grid.x_m, self.grid.y_m)

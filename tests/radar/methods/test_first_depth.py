@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from handbench.radar.data.arrays import AntennaPairs, qar50, range_cell_m
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaPairs, qar50, range_cell_m
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.fsk import first_depth_m
 from tests.radar.samples import noise
@@ -36,6 +36,27 @@ def test_a_method_begins_there():
     assert begun.z_m[15, 15] == pytest.approx(0.85, abs=1e-3)
     assert abs(fixed.z_m[15, 15] - 0.85) > 0.5
     assert begun.config["first_depth_m"] == pytest.approx(0.85, abs=0.015)
+
+
+COARSE_HZ = 24e9 + 0.5e9 * np.arange(9)  # phases repeat every 0.3 m
+COARSE = {"tones_hz": COARSE_HZ[[8, 7]].tolist(), "first_depth_m": "auto", "tolerance": None}
+PLACES_M = np.mgrid[-0.1:0.1:21j, -0.1:0.1:21j, 0:1].reshape(3, -1).T
+
+
+def test_coarse_tones_begin_where_the_plane_is_sharpest():
+    """To a range cell, 37 mm."""
+    scan = AntennaPairs(PLACES_M, PLACES_M)
+    capture = exact_capture((0.02, 0.01, 0.47), COARSE_HZ, array=scan)
+    depth = depth_by("2fsk", capture, around((0.02, 0.01), 0.1, 0.01), **COARSE)
+    assert depth.config["first_depth_m"] == pytest.approx(0.47, abs=0.037)
+
+
+def test_a_mirror_whose_planes_are_equally_sharp_is_asked_about():
+    """One parallel to a scan at 0.4 m: all echoes are equal."""
+    echo = np.exp(-2j * np.pi / SPEED_OF_LIGHT_M_S * COARSE_HZ * 0.8)
+    samples = np.repeat(echo[None, :, None], len(PLACES_M), axis=2)
+    capture = RadarCapture(samples, COARSE_HZ, AntennaPairs(PLACES_M, PLACES_M))
+    refuse(lambda: depth_by("2fsk", capture, around((0, 0), 0.1, 0.01), **COARSE), "0.3 m")
 
 
 @pytest.mark.parametrize(("count", "place"), [(64, "noise"), (3, "3 tones")])
