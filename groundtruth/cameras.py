@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, field_validator
 
+from handbench.calibration.transforms import ROUNDING
 from handbench.support.config import Config, FileName, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, write_json
@@ -70,8 +71,10 @@ class Camera(Config):
         if rows is not None:
             R = np.array(rows)
             small = R.shape == (3, 3) and np.abs(R).max() < 2  # larger numbers might overflow
-            if not small or np.abs(R @ R.T - np.eye(3)).max() > 1e-3 or np.linalg.det(R) < 0:
-                raise ValueError("R is not a rotation matrix (3×3, orthonormal, no reflection)")
+            if not small or np.abs(R @ R.T - np.eye(3)).max() > ROUNDING or np.linalg.det(R) < 0:
+                raise ValueError(
+                    f"R is not a rotation matrix (3×3, orthonormal to {ROUNDING:g}, no reflection)"
+                )
         return rows
 
     @property

@@ -141,7 +141,8 @@ def measured_surface(
         cloud, vertices_m, registered_images(sparse.model), sparse.covariance
     )
     sigma_m = np.hypot(sigma_m, window_sigma(vertices_m, faces, observed, cloud.pixel_m))
-    return Surface(vertices_m, faces, sigma_m, observed), target
+    scaled = sparse.scale.source != "none"
+    return Surface(vertices_m, faces, sigma_m, observed, scaled=scaled), target
 
 
 def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Path) -> None:
@@ -216,7 +217,7 @@ def reconstruct(
         root = Path(workdir or scratch) / "stages"
         (solved, fused, made), seconds = perform(root, Path(photos), options)
         sparse, cloud = Sparse.load(solved), Cloud.load(fused / CLOUD)
-        surface = read_surface(made / MESH)
+        surface = read_surface(made / MESH, unscaled=True)
         summary = {
             "options": options.model_dump(mode="json"),
             "registered": len(sparse.cameras()),
@@ -237,7 +238,7 @@ def reconstruct(
             with atomic_folder(workdir / "sparse") as folder:
                 write_model(sparse.model, folder)
             columns = by_axis(cloud.points_m) | by_axis(cloud.normals, "n")
-            write_ply(workdir / "dense.ply", columns, np.empty((0, 3)))
+            write_ply(workdir / "dense.ply", columns, np.empty((0, 3)), surface.scaled)
             write_json(workdir / "summary.json", summary)
             say(f"{workdir}: wrote sparse/, dense.ply and summary.json")
         return Reconstruction(surface, seconds, summary)

@@ -54,7 +54,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
     if path.suffix.lower() in MESHES:
         from handbench.groundtruth.mesh.surface import read_surface
 
-        return read_surface(path)
+        return read_surface(path, unscaled=True)
     if (path / "result.json").is_file():
         from handbench.bench.results.result_folder import load as load_result
 

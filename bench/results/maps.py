@@ -146,13 +146,15 @@ VIEWED_PX = 320  # along each side
 
 def view(mesh: Surface) -> tuple[str, SurfaceMap]:
     """Return the sensor that saw a mesh, array or cameras, and the mesh's depths from there; with
-    their standard deviations, if the mesh was made from photographs."""
+    their standard deviations, if the mesh was made from photographs. A mesh without scale is drawn
+    one metre long, without standard deviations."""
     sensor, signs = _seen_from(mesh)
-    turned = replace(mesh, vertices_m=mesh.vertices_m * signs)
+    longest = 1.0 if mesh.scaled else np.ptp(mesh.vertices_m, axis=0).max()
+    turned = replace(mesh, vertices_m=mesh.vertices_m * signs / longest)
     low_m, high_m = turned.vertices_m.min(axis=0), turned.vertices_m.max(axis=0)
     x_m, y_m, _ = np.linspace(low_m, high_m, VIEWED_PX).T
     depth = reference_on_grid(turned, x_m, y_m)
-    sigma_m = depth.mesh_sigma_m if sensor == "cameras" else None
+    sigma_m = depth.mesh_sigma_m if sensor == "cameras" and mesh.scaled else None
     return sensor, SurfaceMap(x_m, y_m, depth.z_m, sigma_m)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from handbench.support.files import atomic_path
 
+NO_SCALE = "comment handbench, no scale"
 HEADER = re.compile(rb"ply\r?\n(.*?\n)end_header\r?\n", re.DOTALL)
 ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 WRITTEN_TYPES = {
@@ -32,16 +33,19 @@ def by_axis(vectors: np.ndarray, prefix: str = "") -> dict[str, np.ndarray]:
     return {f"{prefix}{axis}": vectors[:, k] for k, axis in enumerate("xyz")}
 
 
-def write_ply(path: str | Path, columns: dict[str, np.ndarray], faces: np.ndarray) -> None:
+def write_ply(
+    path: str | Path, columns: dict[str, np.ndarray], faces: np.ndarray, scaled: bool = True
+) -> None:
     """Write a binary PLY file atomically. columns: the vertices' properties [n] by name; faces [m,
-    3]: triangles of vertex indices. Raises HandbenchError if the file cannot be written."""
+    3]: triangles of vertex indices; scaled: False if the vertices are not in metres. Raises
+    HandbenchError if the file cannot be written."""
     row = np.dtype([(name, column.dtype) for name, column in columns.items()])
     vertices = np.rec.fromarrays([*columns.values()], dtype=row)
     triangles = np.rec.fromarrays([np.full(len(faces), 3, "u1"), *faces.T.astype("i4")])
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        "comment handbench, metres",
+        "comment handbench, metres" if scaled else NO_SCALE,
         f"element vertex {len(vertices)}",
         *(f"property {WRITTEN_TYPES[row[name].str[1:]]} {name}" for name in columns),
         f"element face {len(faces)}",

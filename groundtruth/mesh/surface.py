@@ -15,12 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from handbench.calibration.transforms import LARGEST_M, Transform
-from handbench.groundtruth.mesh.ply import by_axis, read_ply, write_ply
+from handbench.groundtruth.mesh.ply import NO_SCALE, by_axis, read_ply, write_ply
 from handbench.support.errors import HandbenchError
 from handbench.support.files import MESH_BYTES, read_bytes, require_file
 from handbench.support.rays import TriangleMesh, load_open3d
 
 VELOCITY = ("vx", "vy", "vz")  # properties of a PLY file's vertices, metres per second
+HEAD_BYTES = 200  # of a PLY file, with its first comment
 SMALLEST_M, LONGEST_M = 5e-3, 50.0  # plausible sizes of a target
 MOST_CORNERS = 1000  # of a face
 SLIVER = 1e-6  # square of a share of a face's area that may be folded, as rounding folds it
@@ -34,7 +35,8 @@ class Surface:
     outside. sigma_m [n]: standard deviation of the surface along its normal (NaN: unknown).
     observed [n]: False where the surface is only interpolated or extrapolated from the photographed
     points; depths there must not be scored. velocity_m_s [n, 3]: velocity of each vertex, metres
-    per second (None: unknown).
+    per second (None: unknown). scaled: False if lengths have no unit, as in what `groundtruth
+    --unscaled` makes.
     """
 
     vertices_m: np.ndarray
@@ -42,9 +44,11 @@ class Surface:
     sigma_m: np.ndarray
     observed: np.ndarray
     velocity_m_s: np.ndarray | None = None
+    scaled: bool = True
 
     def __repr__(self) -> str:
         counts = f"{len(self.vertices_m)} vertices, {len(self.faces)} triangles"
+        counts += "" if self.scaled else ", no scale"
         return f"<handbench.Surface: {counts}>"
 
     @property
@@ -73,15 +77,16 @@ class Surface:
         }
         if self.velocity_m_s is not None:
             columns |= by_axis(self.velocity_m_s, "v")
-        write_ply(file, columns, self.faces)
+        write_ply(file, columns, self.faces, self.scaled)
 
 
-def read_surface(file: str | Path) -> Surface:
-    """Read a surface in metres from a PLY, OBJ or STL file.
+def read_surface(file: str | Path, unscaled: bool = False) -> Surface:
+    """Read a surface in metres from a PLY, OBJ or STL file. unscaled: also one without scale.
 
     The uncertainty comes from the vertex properties sigma_m and observed of a PLY file. If they are
     missing, sigma_m is NaN (unknown) and every vertex counts as observed. The velocity comes from
-    vx, vy and vz, metres per second. Raises HandbenchError for a broken file.
+    vx, vy and vz, metres per second. Raises HandbenchError for a broken file, and for a surface
+    without scale unless it is wanted.
     """
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
@@ -93,7 +98,14 @@ def read_surface(file: str | Path) -> Surface:
             raise HandbenchError(
                 f"{file}: {', '.join(VELOCITY)} are NaN or infinite; expected metres per second"
             )
-    return Surface(vertices_m, faces, sigma_m, observed, velocity_m_s)
+    with Path(file).open("rb") as opened:
+        scaled = NO_SCALE.encode() not in opened.read(HEAD_BYTES)
+    if not (scaled or unscaled):
+        raise HandbenchError(
+            f"{file}: has no scale, since `handbench groundtruth --unscaled` made it; expected a "
+            "mesh in metres; make it again with --board or --cameras"
+        )
+    return Surface(vertices_m, faces, sigma_m, observed, velocity_m_s, scaled)
 
 
 def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
@@ -108,9 +120,8 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
 
 def read_mesh(path: str | Path) -> TriangleMesh:
     """Read a triangle mesh in metres from a PLY, OBJ or STL file, as an Open3D mesh. Raises
-    HandbenchError for a broken file."""
-    vertices_m, faces, _ = read_triangles(path)
-    return mesh(vertices_m, faces)
+    HandbenchError for a broken file, and for a mesh without scale."""
+    return read_surface(path).mesh
 
 
 def write_mesh(path: str | Path, surface: TriangleMesh) -> None:

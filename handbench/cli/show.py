@@ -73,7 +73,8 @@ def _surface(path: Path) -> tuple[str, str, SurfaceMap, dict[str, Any]]:
         raise HandbenchError(f"{path}: has no surface to show; expected a depth map or a mesh")
     sensor, seen = view(shown)
     maps = {} if seen.sigma_m is None else {"sigma_m": seen.sigma_m}
-    return f"{len(shown.faces)} triangles, from the {sensor}", sensor, seen, maps
+    scale = "" if shown.scaled else ", no scale"
+    return f"{len(shown.faces)} triangles, from the {sensor}{scale}", sensor, seen, maps
 
 
 def _draw(path: Path, out: Path) -> None:

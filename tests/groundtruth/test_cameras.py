@@ -22,6 +22,8 @@ def test_round_trip_through_a_file(tmp_path):
     ("change", "place"),
     [
         ({"R": np.diag([1, 1, -1]).tolist()}, "cameras.0.R"),
+        # digits of a file are worth 1e-6: a mesh 1 m away stays within a micrometre
+        ({"R": np.diag([1, 1, 1 + 1e-6]).tolist()}, "cameras.0.R"),
         ({"model": "FISH"}, "'FISH' with 1"),
         ({"model": "OPENCV"}, "'OPENCV' with 1"),
     ],

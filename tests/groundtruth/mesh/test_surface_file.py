@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from handbench.groundtruth.mesh.ply import by_axis, write_ply
-from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.groundtruth.mesh.surface import Surface, metric_mesh, read_surface
+from handbench.interface import load
+from tests.refusals import refuse
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 1 / 3), (0, 0.1, 0.3), (0.1, 0.1, 0.3 + 1e-15)])
 FACES = np.array([(0, 2, 1), (1, 2, 3)])
@@ -19,6 +21,15 @@ def test_everything_comes_back(tmp_path):
     single = sigma_m.astype(np.float32).astype(float)
     np.testing.assert_equal(vars(found), vars(surface) | {"sigma_m": single})
     assert found.sigma_m.dtype == np.float64 and found.observed.dtype == bool
+
+
+def test_what_has_no_scale_is_shown_and_nowhere_measured(tmp_path):
+    surface = Surface(VERTICES_M, FACES, np.full(4, 1e-5), np.ones(4, bool), scaled=False)
+    file = tmp_path / "a.ply"
+    surface.save(file)
+    assert not load(file).scaled and "no scale" in repr(load(file))
+    refuse(lambda: read_surface(file), str(file), "--unscaled")
+    refuse(lambda: metric_mesh(file, 1e-3), str(file), "--unscaled")
 
 
 @pytest.mark.parametrize(
