@@ -9,6 +9,7 @@ does not depend on their number.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import cv2
 import numpy as np
@@ -85,8 +86,10 @@ def refine(
             cost, views = _best_sources(stereo, planes, flat, wanted)
         changes = _changes(planes.shape, reach, draws)
         for colour in (0, 1):
-            args = stereo, planes, cost, views, low, high, changes, colour
-            _by_rows(len(cost), lambda rows, args=args: _improve(*args, rows))
+            _by_rows(
+                len(cost),
+                partial(_improve, stereo, planes, cost, views, low, high, changes, colour),
+            )
     matched = cost < UNMATCHED
     planes, bends, support = smoothed(planes, matched)
     planes[0] -= (bends[0] + bends[2]) * np.float32(FLATTENED_PX2 / 2)
