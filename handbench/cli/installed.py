@@ -111,10 +111,12 @@ def doctor(options: argparse.Namespace) -> None:
     """Print this machine's libraries and parts: each works ("ok"), or has to be seen to ("--")."""
     facts, free_gb = machine(), shutil.disk_usage(".").free / 1e9
     libraries = ", ".join(f"{name} {version}" for name, version in versions().items())
-    _print(True, f"Python {facts['python']}, {libraries}")
-    _print(True, f"processor: {facts['processor']}, {facts['cores']} cores")
-    _print(True, f"memory: {facts['memory_gb']:.0f} GB, free disk: {free_gb:.0f} GB")
-    for part, works in (
+    lines = [
+        f"ok  Python {facts['python']}, {libraries}",
+        f"ok  processor: {facts['processor']}, {facts['cores']} cores",
+        f"ok  memory: {facts['memory_gb']:.0f} GB, free disk: {free_gb:.0f} GB",
+    ]
+    for part, require in (
         ("compiled code", _require_cache),
         ("meshes", load_open3d),
         ("photographs", load_pycolmap),
@@ -122,17 +124,12 @@ def doctor(options: argparse.Namespace) -> None:
         ("photographs on a GPU", _require_cuda),
     ):
         try:
-            works()
-            _print(True, part)
-        except HandbenchError as error:
-            _print(False, part, str(error))
-        except (ImportError, OSError) as error:
-            _print(False, part, f"{error}; run `make setup` again")
-
-
-def _print(works: bool, part: str, otherwise: str = "") -> None:
-    """Print whether a part works, and if it does not, what to do."""
-    print_wrapped(f"ok  {part}" if works else f"--  {part}: {otherwise}", "    ")
+            require()
+            lines.append(f"ok  {part}")
+        except (HandbenchError, ImportError, OSError) as error:
+            lines.append(f"--  {part}: {error}")
+    for line in lines:
+        print_wrapped(line, "    ")
 
 
 def _require_cache() -> None:
