@@ -163,6 +163,7 @@ def gather(  # type: ignore[no-untyped-def]
 
 def radiate(
     points_m: np.ndarray,
+    distances_m: list[np.ndarray],
     gains: list[np.ndarray],
     leaf: Node,
     passes: np.ndarray,
@@ -173,24 +174,19 @@ def radiate(
 
         S_k[a, b] = Σ_p g_a(p) g_b(p) exp(−j2πf_k(ΔR_a(p) + ΔR_b(p))/c).
 
-    points_m [3, n]; gains: g_a [k or 1, 2, a, n] and g_b [k or 1, 2, b, n], float32, 2 for real and
-    imaginary part; passes [2]: how often the path goes between target and transmitter, and between
-    target and receiver; reference_m [2, 3]: points near the antennas, to which path differences are
-    computed.
+    points_m [n, 3]; distances_m: from the leaf's transmitters [a, n] and receivers [b, n]; gains:
+    g_a [k or 1, 2, a, n] and g_b [k or 1, 2, b, n], float32, 2 for real and imaginary part; passes
+    [2]: how often the path goes between target and transmitter, and between target and receiver;
+    reference_m [2, 3]: points near the antennas, to which path differences are computed.
     """
-    waves = []
-    for leg, gain in enumerate(gains):
-        at, length_m = leaf.legs[leg].position_m, leaf.lengths_m[leg]
-        to_points_m, to_centre_m = (
-            passes[leg] * np.linalg.norm(place_m - reference_m[leg], axis=-1)
-            for place_m in (points_m.T, leaf.box.centre_m)
-        )
-        reference = to_points_m - to_centre_m
-        difference_m = passes[leg] * cdist(at, points_m.T) - length_m[:, None] - reference
+    waves, per_m = [], leaf.turns_per_m.astype(np.float32)
+    references_m = cdist(reference_m, points_m) - cdist(reference_m, leaf.box.centre_m[None])
+    for leg, (distance_m, gain) in enumerate(zip(distances_m, gains, strict=True)):
+        reference = passes[leg] * references_m[leg]
+        difference_m = passes[leg] * distance_m - leaf.lengths_m[leg][:, None] - reference
         turns = leaf.turns_per_m[:, None] * reference
         phases = (turns - np.rint(turns)).astype(np.float32)
-        wave = np.empty((len(phases), 2 * len(at), len(reference)), np.float32)
-        per_m = leaf.turns_per_m.astype(np.float32)
+        wave = np.empty((len(per_m), 2 * len(distance_m), len(points_m)), np.float32)
         _waves(difference_m.astype(np.float32), phases, per_m, gain, wave)
         waves.append(wave)
     n_a, n_b = (wave.shape[1] // 2 for wave in waves)

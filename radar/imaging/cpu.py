@@ -9,9 +9,10 @@ from collections.abc import Callable
 from itertools import product
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from handbench.radar.data.grid import VoxelGrid
-from handbench.radar.imaging.boxes import BLOCK, gather, radiate, to_child, to_parent
+from handbench.radar.imaging.boxes import gather, radiate, to_child, to_parent
 from handbench.radar.imaging.device import strongest_voxels
 from handbench.radar.imaging.exact import exact_images as exact_images
 from handbench.radar.imaging.plan import GridPlan, SortedPoints, TreePlan
@@ -19,7 +20,10 @@ from handbench.radar.imaging.steering import restore_carrier
 from handbench.radar.imaging.tree import Node, Step
 from handbench.support.parallel import for_each, one_blas_thread
 
-Gains = Callable[[slice, tuple[np.ndarray, np.ndarray], np.ndarray], list[np.ndarray]]
+Gains = Callable[
+    [slice, tuple[np.ndarray, np.ndarray], list[np.ndarray], np.ndarray], list[np.ndarray]
+]
+BLOCK = 1024  # scatterers of a leaf whose waves are held at once
 VOXELS = 1 << 16  # upsampled along z at once: they stay in the second-level cache
 SAMPLES = 1 << 18  # of leaves, computed at once: 1 MB, so that calls cost little
 ROWS = 16  # pixels along y of one piece of work
@@ -68,8 +72,9 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
     or [f, n, 1] for a scan. This is the adjoint of `image` with its tones summed.
 
     gains: function of (slice of the sorted points, (indices of transmitters [a], of receivers [b]),
-    f/c of tones [k]) that returns their gains at the points, float32 [k or 1, 2, a, points] and
-    [k or 1, 2, b, points], 2 for real and imaginary part.
+    their distances from the points [[a, points], [b, points]], f/c of tones [k]) that returns their
+    gains at the points, float32 [k or 1, 2, a, points] and [k or 1, 2, b, points], 2 for real and
+    imaginary part.
     """
     groups = plan.touched(where)
     parts: dict[int, np.ndarray] = {}
@@ -83,9 +88,12 @@ def echoes(plan: TreePlan, gains: Gains, where: SortedPoints) -> np.ndarray:
             inner = np.zeros((), np.float32)
             for at in range(start, stop, BLOCK):
                 here = slice(at, min(at + BLOCK, stop))
-                points_m = np.ascontiguousarray(where.points_m[:, here])
-                of_points = gains(here, numbers, leaf.turns_per_m)
-                inner = inner + radiate(points_m, of_points, leaf, plan.passes, plan.reference_m)
+                points_m = np.ascontiguousarray(where.points_m[:, here].T)
+                distances_m = [cdist(leg.position_m, points_m) for leg in leaf.legs]
+                of_points = gains(here, numbers, distances_m, leaf.turns_per_m)
+                inner = inner + radiate(
+                    points_m, distances_m, of_points, leaf, plan.passes, plan.reference_m
+                )
             samples = samples + _up(inner, node, leaf)
         parts[cell] = _up(samples, plan.top_node, node)
 

@@ -219,32 +219,34 @@ def _gains(
     pattern: float | None,
     here: slice,
     antennas: tuple[np.ndarray, np.ndarray],
+    distances_m: list[np.ndarray],
     turns_per_m: np.ndarray,
 ) -> list[np.ndarray]:
     """Compute the gains g_a(p) of the transmitters and of the receivers with the indices `antennas`
     at the scatterers `here`, times their weights for the transmitters: float32 [k, 2, a, p], real
     and imaginary part, at turns_per_m = f/c [k], or [1, 2, a, p] if they are the same for all
-    tones. pattern: as in `_gain`."""
+    tones. distances_m: of both, [a, p]; pattern: as in `_gain`."""
     part, gains = scatterers.where(here), []
-    for leg, number in enumerate(antennas):
-        gain = _gain(part, legs_m[leg][number], pattern)
-        weight = np.asarray(part.weight if leg == 0 else 1, np.complex64)
+    for leg, (number, distance_m) in enumerate(zip(antennas, distances_m, strict=True)):
+        gain = _gain(part, legs_m[leg][number], distance_m, pattern)
+        weight = np.asarray(part.weight if leg == 0 else [1], np.complex64)
         if part.sight is None:
-            gains.append(np.stack([gain * weight.real, gain * weight.imag])[None])
+            gains.append((gain * np.stack([weight.real, weight.imag])[:, None])[None])
         else:  # of facets, whose weights are areas
             gains.append(gain * weight.real * part.sight.factors(leg, number, turns_per_m))
     return gains
 
 
-def _gain(scatterers: Scatterers, antennas_m: np.ndarray, pattern: float | None) -> np.ndarray:
-    """Compute the gains of antennas at scatterers without D, float32 [a, p]: 1/R, times √(n·û)
-    (obliquity) if they have normals, times cosᵠθ, the antennas' pattern with the exponent q =
-    `pattern`. With None, all gains are 1."""
+def _gain(
+    scatterers: Scatterers, antennas_m: np.ndarray, distance_m: np.ndarray, pattern: float | None
+) -> np.ndarray:
+    """Compute the gains of antennas at scatterers without D, float32 [a, p]: 1/R with R =
+    distance_m, times √(n·û) (obliquity) if they have normals, times cosᵠθ, the antennas' pattern
+    with the exponent q = `pattern`. With None, all gains are 1."""
     if pattern is None:
         return np.ones((len(antennas_m), len(scatterers)), np.float32)
     points_m, normal = scatterers.position_m, scatterers.normal
-    nearness = 1 / cdist(antennas_m, points_m)
-    gain = nearness = nearness.astype(np.float32)
+    gain = nearness = 1 / distance_m.astype(np.float32)
     if normal is not None:
         towards_m = antennas_m @ normal.T - np.einsum("pi,pi->p", points_m, normal)
         gain = np.sqrt(np.maximum(towards_m.astype(np.float32) * nearness, 0)) * gain
@@ -260,7 +262,10 @@ def _simulate_exactly(
     """Sum the echoes of every scatterer at every tone: complex64 [f, t, r]."""
     legs_m = [leg.position_m for leg in array.legs]
     lengths_m = [cdist(leg_m, scatterers.position_m) for leg_m in legs_m]
-    gains = [_gain(scatterers, leg_m, pattern).astype(np.complex64) for leg_m in legs_m]
+    gains = [
+        _gain(scatterers, leg_m, length_m, pattern).astype(np.complex64)
+        for leg_m, length_m in zip(legs_m, lengths_m, strict=True)
+    ]
     gains[0] *= np.asarray(scatterers.weight, np.complex64)
     samples = np.empty((len(frequencies_hz), *array.channels), np.complex64)
 
