@@ -28,7 +28,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 
 CACHE = "NUMBA_CACHE_DIR"
-COMPILE_S = 25  # processor time of all kernels of a first `handbench demo`, measured
+COMPILE_S = 10  # processor time of all kernels of a first `handbench demo`, measured
 
 # Sums may be rearranged into vector code; NaN and infinity keep their meaning.
 FAST: dict[str, Any] = {
