@@ -5,7 +5,7 @@ any capture and names its units, frame and time convention.
 """
 
 import json
-import os
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -19,7 +19,6 @@ from handbench.support.config import Config, parse
 from handbench.support.errors import HandbenchError
 from handbench.support.files import JSON_BYTES, atomic_path, plain_json, require_file
 
-HEADERS_BYTES = 2**13  # size of the file's headers, at least
 CONVENTIONS = {"units": "m, Hz, m/s", "frame": "x left, y up, z away", "time": "+jwt"}
 ABOUT = ("wave_speed_m_s", "source", "licence")
 TIMES = ("times_s", "frame_times_s")
@@ -57,29 +56,19 @@ class EchoesFile(Config):
 
 
 def save_capture(path: str | Path, capture: RadarCapture) -> None:
-    """Write a capture to the file `echoes.h5`, atomically. Raises OSError if the disk is full."""
+    """Write a capture to the file `echoes.h5`, atomically. Raises HandbenchError if the disk is
+    full."""
     import h5py
 
-    data, about = _data_sets(capture), {name: getattr(capture, name) for name in ABOUT}
-    size = sum(values.nbytes for values in data.values())
+    about = {name: getattr(capture, name) for name in ABOUT}
+    content = BytesIO()  # on a full disk HDF5 would print tracebacks
+    # of this version on, HDF5 has checksums of its own structures
+    with h5py.File(content, "w", libver="v108") as file:
+        file.attrs.update({"format": "handbench-echoes", "version": 2, **CONVENTIONS, **about})
+        for name, values in _data_sets(capture).items():
+            file.create_dataset(name, data=values, fletcher32=True)  # another checksum
     with atomic_path(path) as temporary:
-        # check for space here: HDF5 notices a full disk late, and then prints tracebacks
-        with temporary.open("wb") as stream:
-            os.posix_fallocate(stream.fileno(), 0, size + HEADERS_BYTES)
-        try:
-            # of this version on, HDF5 has checksums of its own structures
-            with h5py.File(temporary, "w", libver="v108") as file:
-                file.attrs.update(
-                    {"format": "handbench-echoes", "version": 2, **CONVENTIONS, **about}
-                )
-                for name, values in data.items():
-                    file.create_dataset(name, data=values, fletcher32=True)  # another checksum
-        except (
-            RuntimeError
-        ) as error:  # HDF5's error for a disk that is full when the file is closed
-            raise OSError(
-                "the HDF5 library could not close the file; check that the disk has free space"
-            ) from error
+        temporary.write_bytes(content.getbuffer())
 
 
 def _data_sets(capture: RadarCapture) -> dict[str, np.ndarray]:
