@@ -59,7 +59,8 @@ def own_table(result: Result) -> str:
     }
     caption = (
         "\nAgainst photogrammetry; each figure is formed for each pose and averaged. In italics "
-        "the paper's figure; ± the deviation between frames; in brackets a 95 % interval. "
+        "the paper's figure; the MAX is of the first frame, ± the deviation of five; in brackets a "
+        "95 % interval. "
         "{cores} cores of {processor}, imaged on {imaging_device}.\n"
     )
     texts = pd.DataFrame.from_dict(rows, orient="index", columns=titles)
