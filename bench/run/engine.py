@@ -100,7 +100,7 @@ def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
         future.set_exception(error)
 
 
-def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None) -> tuple[Cost, bool]:
+def elsewhere(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tuple[Cost, bool]:
     """Carry out a stage in a worker process, as `cached` does.
     root: folder of all stages. facts: of this machine (None: they are measured here). Raises
     HandbenchError if the worker does not see this folder, or has other versions of handbench or of
@@ -125,9 +125,10 @@ def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple
     are carried out in this process before this function returns, because the time of imaging is a
     result. executor: None for this process alone."""
     beside = stage.shares and not stage.folder(root).exists()
-    cluster = isinstance(executor, DaskExecutor)
-    facts = None if cluster else machine()  # measured with the first stage, before others run
-    if executor is not None and (cluster or beside):
+    if isinstance(executor, DaskExecutor):
+        return executor.submit(elsewhere, root, stage)
+    facts = machine()  # measured with the first stage, before others run
+    if executor is not None and beside:
         return executor.submit(elsewhere, root, stage, facts)
     future: Future[tuple[Cost, bool]] = Future()
     try:

@@ -54,7 +54,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         message = str(error)
     except KeyboardInterrupt as error:
         code = 128 + (error.args or (signal.SIGINT,))[0]
-        message = "interrupted; no file is half-written, and the same `run` command resumes the run"
+        message = "interrupted; no file is half-written; `run` and `groundtruth` resume"
     except MemoryError as error:
         message = (
             f"out of memory ({error}); close other programs, or use fewer pixels, tones or frames"

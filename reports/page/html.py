@@ -27,6 +27,7 @@ from handbench.reports.page.rendering import Image, render
 from handbench.reports.tables.rounding import NONE, figure
 from handbench.reports.tables.table import (
     Table,
+    against,
     differences,
     every_figure,
     main_lines,
@@ -140,11 +141,14 @@ def build_several(folders: Sequence[Path], out: Path) -> Path:
 
 
 def _cells(result: Result, method: DrawnMethod) -> tuple[str, str, list[Image]]:
-    """Return the title of a method, its mean absolute error as text, and pictures of the result's
-    first captures in the colours of the method's errors."""
+    """Return the title of a method, its mean absolute error and against what, and pictures of the
+    result's first captures in the colours of the method's errors."""
     lines = main_lines(result, [HEADLINE])
     line = next(each(lines[lines.method == method.name]), None)
-    error = f"{figure(line.value, line.low, line.high, line.unit)} {line.unit}" if line else NONE
+    error = NONE
+    if line:  # results may have different references
+        value = figure(line.value, line.low, line.high, line.unit)
+        error = f"{value} {line.unit} {against(result, line.reference)}"
     pictures = []
     for capture in result.scored()[:PICTURES]:
         picture = scene3d.still(result, capture, method.name)

@@ -27,6 +27,7 @@ COLUMN_PT = 252  # and in one of the two columns of IEEEtran
 NUMBER_PT = 44  # width of a column of numbers
 TEXT_PT = 56  # least width of a column of text
 GAP_PT = 4  # between two columns
+FLOAT_ROWS = 25  # of sentences that take two lines, on a page
 HTML = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string("""\
 <div class="scroll" role="region" aria-label="{{ table.caption }}" tabindex="0">
 <table>
@@ -102,7 +103,7 @@ def html(table: Table) -> Markup:
 
 
 def latex(label: str, *tables: Table, width_pt: float = PAGE_PT) -> str:
-    """Return tables as LaTeX floats, as many as are needed for their columns.
+    """Return tables as LaTeX floats, as many as are needed for their columns and rows.
     label: of the float, "tab:column" for instance; several are numbered, "tab:table-1". width_pt:
     at most COLUMN_PT for one column of a page with two. The document needs no package and any
     encoding: characters outside ASCII are written as commands."""
@@ -112,17 +113,22 @@ def latex(label: str, *tables: Table, width_pt: float = PAGE_PT) -> str:
 
 
 def _parts(table: Table, width_pt: float) -> list[Table]:
-    """Return a table as several that are each narrow enough for a float."""
+    """Return a table as several that are each narrow and short enough for a float."""
     texts, numbers = range(table.left), range(table.left, table.texts.shape[1])
     texts_pt = (1 + table.left) * (TEXT_PT + GAP_PT)
     abreast = int((width_pt - texts_pt) // (NUMBER_PT + GAP_PT))
     parts = np.array_split(numbers, max(-(-len(numbers) // abreast), 1))
-    return [_part(table, [*texts, *part]) for part in parts]
+    starts = range(0, max(len(table.texts), 1), FLOAT_ROWS)
+    return [
+        _part(table, [*texts, *part], slice(start, start + FLOAT_ROWS))
+        for start in starts
+        for part in parts
+    ]
 
 
-def _part(table: Table, columns: list[int]) -> Table:
-    """Return a table with some of its columns."""
-    return replace(table, texts=table.texts.iloc[:, columns])
+def _part(table: Table, columns: list[int], rows: slice = slice(None)) -> Table:
+    """Return a table with some of its columns and rows."""
+    return replace(table, texts=table.texts.iloc[rows, columns])
 
 
 def _float(width_pt: float, label: str, table: Table) -> str:
