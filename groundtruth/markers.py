@@ -106,7 +106,7 @@ def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
         count = sum(bool(found) for found in seen.values())
         raise HandbenchError(
             f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
-            "photographs, but none in two of them; check dictionary, ids, columns, rows and "
+            "photographs, and no corner in two of them; check dictionary, ids, columns, rows and "
             "legacy in the board's description, and the focus of the photographs"
         )
     return seen

@@ -140,25 +140,27 @@ def started(executor: Executor | None, root: Path, stage: Stage) -> Future[tuple
 
 def process_count(chains: int) -> int:
     """Return the number of processes for which a run has work, that is long chains of stages, and
-    this machine has cores and free memory; 1 if this process may not start others."""
+    this machine has cores and free memory; 0 if there are not two, or this process may not start
+    others."""
     if current_process().daemon:
-        return 1
+        return 0
     cores = min(workers(), len(os.sched_getaffinity(0)))
     fitting = int(psutil.virtual_memory().available / STAGE_BYTES)
-    return max(min(cores, chains, MOST, fitting), 1)
+    count = min(cores, chains, MOST, fitting)
+    return count if count > 1 else 0
 
 
 @contextmanager
 def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | None]:
     """Provide the executor of a run as a context manager; None for this process alone.
-    count: number of processes on this machine. scheduler: address of a Dask scheduler,
+    count: number of processes beside this one. scheduler: address of a Dask scheduler,
     tcp://host:port, whose workers are used instead. Raises HandbenchError if the system ends a
     process, if no scheduler answers, or if it stops answering during the run."""
     if scheduler is not None:
         with _cluster(scheduler) as cluster:
             yield cluster
         return
-    if count < 2:
+    if not count:
         yield None
         return
     with TemporaryDirectory(prefix="handbench-", ignore_cleanup_errors=True) as scratch:

@@ -77,7 +77,7 @@ def run(
         shared, timed = stage_counts(bench, opened, targets)
         progress.total = shared + timed + sum("accuracy" in one.measures for one in opened)
         processes = process_count(sum(one.meshed for one in [*opened, *targets]))
-        progress.abreast = None if scheduler else processes
+        progress.abreast = None if scheduler else max(processes, 1)
         with executor(processes, scheduler) as engine.executor:
             made = prepare(engine, bench, opened, targets)
             progress.reach(shared)

@@ -29,6 +29,7 @@ from handbench.bench.validation.checks import (
     MAP,
     doubt,
     missing_frames,
+    not_nan,
     places_m,
     warnings_of,
 )
@@ -101,12 +102,16 @@ def inspect_capture(folder: Path, capture: str, frames: int) -> None:
 
 
 def method_warnings(maps: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
-    """Warn of methods most of whose depths are in doubt: print and return the warnings, method →
-    texts. maps: each method with the file of one of its depth maps."""
+    """Warn of methods most of whose depths are in doubt, or some of which are none: print and
+    return the warnings, method → texts.
+    maps: each method with the file of one of its depth maps."""
     files = defaultdict[str, list[Path]](list)
     for name, file in maps:
         files[name].append(file)
-    warnings = {name: [*doubt(map(load_depthmap, of))] for name, of in files.items()}
+    warnings = {
+        name: [text for check in (not_nan, doubt) for text in check(map(load_depthmap, of))]
+        for name, of in files.items()
+    }
     for name, text in ((name, text) for name, texts in warnings.items() for text in texts):
         say(f"{name}: {text}")
     return {name: texts for name, texts in warnings.items() if texts}

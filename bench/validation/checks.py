@@ -149,8 +149,8 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 def focus(depth: DepthMap) -> Iterator[str]:
     """Check that only a part of a depth map's pixels has a depth, and that the others are NaN."""
-    if zeros := np.count_nonzero(depth.z_m == 0):
-        yield f"{zeros} depths are 0; write NaN where there is no depth"
+    if missing := list(not_nan([depth])):
+        yield from missing
         return
     percent = 100 * float(np.isfinite(depth.z_m).mean())
     if percent > CROWDED_PERCENT and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
@@ -158,6 +158,12 @@ def focus(depth: DepthMap) -> Iterator[str]:
             f"{percent:.0f} % of the pixels of the image have a depth, so it may be out of focus; "
             "check the tones, the positions of the antennas and the sign of the samples"
         )
+
+
+def not_nan(depths: Iterable[DepthMap]) -> Iterator[str]:
+    """Check that no depths of a method's maps are 0 or less, as where there is no depth."""
+    if zeros := sum(np.count_nonzero(depth.z_m <= 0) for depth in depths):
+        yield f"{zeros} depths are 0 or less; write NaN where there is no depth"
 
 
 def depths(depth: DepthMap) -> Iterator[str]:

@@ -30,9 +30,9 @@ def demo(options: argparse.Namespace) -> None:
     if (capture := folder / CAPTURE).exists():  # which appears whole or not at all
         say(f"{capture}: exists already and is used again")
     else:
-        with executor(2) as processes:
-            assert processes is not None
-            simulated = processes.submit(simulate, folder / SCENE, capture)
+        with executor(1) as process:  # it has all cores, which it needs longer than this one
+            assert process is not None
+            simulated = process.submit(simulate, folder / SCENE, capture)
             _rehearse()
             simulated.result()
     _image_and_score(folder)

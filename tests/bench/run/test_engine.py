@@ -88,7 +88,7 @@ def test_chains_overlap_and_each_keeps_its_order(beside, tmp_path):
 
 
 def test_one_chain_or_too_little_memory_starts_no_process(monkeypatch):
-    assert engine.process_count(1) == 1
+    assert engine.process_count(1) == 0
     monkeypatch.setattr(engine, "STAGE_BYTES", 1e18)
     with engine.executor(engine.process_count(2)) as none:
         assert none is None

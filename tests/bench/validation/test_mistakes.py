@@ -13,7 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from handbench.bench.validation.capture_warnings import conjugation_warnings, step_warnings
+from handbench.bench.validation.capture_warnings import (
+    conjugation_warnings,
+    method_warnings,
+    step_warnings,
+)
 from handbench.bench.validation.checks import MAP, warnings_of
 from handbench.bench.validation.inspection import inspect
 from handbench.cli.main import main
@@ -200,6 +204,14 @@ def test_a_depth_map_that_fills_the_image_or_is_flagged_is_warned_of():
     part = replace(full, z_m=np.where(np.arange(11) < 3, z_m, np.nan), p_gross=z_m / 3)
     cropped = replace(full, x_m=axis_m / 10, y_m=axis_m / 10, p_gross=z_m / 3)
     assert [*warnings_of(part, MAP), *warnings_of(cropped, MAP)] == []
+
+
+def test_depths_of_0_are_warned_of_by_a_run(tmp_path):
+    axis_m = np.arange(-5, 6) * 1e-2
+    half = DepthMap(axis_m, axis_m, np.where(axis_m < 0, 0.3, 0.0) * np.ones((11, 1)), axis_m, "m")
+    replace(half, amplitude_db=0 * half.z_m).save(tmp_path / "half.npz")
+    [text] = method_warnings([("own", tmp_path / "half.npz")])["own"]
+    assert text.startswith("66 ")
 
 
 def test_a_run_records_its_warnings_and_the_result_shows_them(right, tmp_path, capsys):
