@@ -59,7 +59,7 @@ def test_every_stage_comes_back_once_in_order_and_a_bug_keeps_its_exception(exec
     assert engine.tasks[-1]["cached"] and engine.progress.done == 6
     bad = iter(stages_of("bad"))
     refuse(lambda: engine.follow([bad], essential=[bad]), "mesh-bad", "mend me")
-    with pytest.raises(ZeroDivisionError, match="a bug") as caught:
+    with pytest.raises(ZeroDivisionError) as caught:
         engine.perform(stages_of("d", "bug", "e"))
     if isinstance(executor, ProcessExecutor):
         assert "in act" in str(caught.value.__cause__)
@@ -71,9 +71,9 @@ def test_stages_run_beside_each_other_and_imaging_here(beside, tmp_path):
     *meshes, image = [
         read_json(folder / SPAN, "a span") for folder in engine.perform(stages).values()
     ]
-    assert len({pid for pid, _ in meshes}) == COUNT, "a process for each core"
-    assert {threads for _, threads in meshes} == {max(workers() // COUNT, 1)}, "its share"
-    assert image == [os.getpid(), workers()], "this process keeps its cores"
+    assert len({pid for pid, _ in meshes}) == COUNT  # a process for each core
+    assert {threads for _, threads in meshes} == {max(workers() // COUNT, 1)}  # its share
+    assert image == [os.getpid(), workers()]  # this process keeps its cores
 
 
 @pytest.mark.skipif(COUNT < 2, reason="one core has one process")
