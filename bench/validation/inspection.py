@@ -44,7 +44,7 @@ from handbench.groundtruth.mesh.surface import read_surface, read_triangles
 from handbench.groundtruth.pictures import SUFFIXES
 from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import load_depthmap
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.echoes_file import load_capture
 from handbench.radar.methods.ability import abilities, methods_of_tones
 from handbench.radar.methods.evidence import frame_problems, needed_tones
@@ -254,9 +254,9 @@ def _inspect_source(
     for entry in bench.method:
         where = f"{path}: capture '{about.name}' with method '{entry.label}'"
         if entry.maps is not None and "accuracy" in source.measures:
-            for name in names:
-                map_of = partial(_require_map, bench, path.parent / entry.maps / f"{name}.npz")
-                report.read(where, partial(map_of, entry, about))
+            for file in (path.parent / entry.maps / f"{name}.npz" for name in names):
+                depth = report.read(where, partial(_map, bench, file, entry, about))
+                report.check(file, depth, MAP)
         if not entry.foreign and ("accuracy" in source.measures or entry.precision):
             frames = bench.frames if "accuracy" in source.measures else 1
             report.read(where, partial(_require_imaged, entry, about, echoes, frames))
@@ -287,8 +287,8 @@ def _require_imaged(
         needed_tones(echoes, settings)
 
 
-def _require_map(bench: BenchFile, file: Path, entry: MethodEntry, about: CaptureFile) -> None:
-    """Raise HandbenchError if a run would refuse the depth map of a foreign method."""
+def _map(bench: BenchFile, file: Path, entry: MethodEntry, about: CaptureFile) -> DepthMap:
+    """Read the depth map of a foreign method. Raises HandbenchError if a run would refuse it."""
     from handbench.bench.stages.foreign import pixels, read_map  # whose module images
 
-    read_map(file, entry.id, pixels(about, bench.method))
+    return read_map(file, entry.id, pixels(about, bench.method))[0]
