@@ -24,5 +24,5 @@ def test_echoes_are_the_same_bits_with_and_without_kernels_in_the_cache(tmp_path
     assert simulate() == first
     for file in cached[::2]:  # others compile anew, beside kernels that are loaded
         file.unlink()
-    assert len(cached) > 5
+    assert len(cached) > 1
     assert simulate() == first
