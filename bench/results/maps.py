@@ -15,6 +15,8 @@ from handbench.support.config import checked_name
 from handbench.support.errors import HandbenchError
 from handbench.support.files import ARRAY_BYTES, read_npz, write_npz
 
+VIEWED_PX = 320  # along each side
+
 
 @dataclass(frozen=True)
 class SurfaceMap:
@@ -139,9 +141,6 @@ def read_map(path: Path, *names: str, optional: tuple[str, ...] = ()) -> dict[st
                 "are no numbers; run the benchmark again"
             )
     return arrays
-
-
-VIEWED_PX = 320  # along each side
 
 
 def view(mesh: Surface) -> tuple[str, SurfaceMap]:

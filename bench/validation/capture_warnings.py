@@ -29,7 +29,6 @@ from handbench.bench.validation.checks import (
     MAP,
     doubt,
     missing_frames,
-    not_nan,
     places_m,
     warnings_of,
 )
@@ -108,10 +107,7 @@ def method_warnings(maps: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
     files = defaultdict[str, list[Path]](list)
     for name, file in maps:
         files[name].append(file)
-    warnings = {
-        name: [text for check in (not_nan, doubt) for text in check(map(load_depthmap, of))]
-        for name, of in files.items()
-    }
+    warnings = {name: [*doubt(map(load_depthmap, of))] for name, of in files.items()}
     for name, text in ((name, text) for name, texts in warnings.items() for text in texts):
         say(f"{name}: {text}")
     return {name: texts for name, texts in warnings.items() if texts}

@@ -149,21 +149,14 @@ def transform_warnings(transform: Transform, mesh: Surface | None) -> Iterator[s
 
 def focus(depth: DepthMap) -> Iterator[str]:
     """Check that only a part of a depth map's pixels has a depth, and that the others are NaN."""
-    if missing := list(not_nan([depth])):
-        yield from missing
-        return
+    if (depth.z_m <= 0).any():
+        return  # of which `flags` warns
     percent = 100 * float(np.isfinite(depth.z_m).mean())
     if percent > CROWDED_PERCENT and min(np.ptp(depth.x_m), np.ptp(depth.y_m)) >= WIDE_M:
         yield (
             f"{percent:.0f} % of the pixels of the image have a depth, so it may be out of focus; "
             "check the tones, the positions of the antennas and the sign of the samples"
         )
-
-
-def not_nan(depths: Iterable[DepthMap]) -> Iterator[str]:
-    """Check that no depths of a method's maps are 0 or less, as where there is no depth."""
-    if zeros := sum(np.count_nonzero(depth.z_m <= 0) for depth in depths):
-        yield f"{zeros} depths are 0 or less; write NaN where there is no depth"
 
 
 def depths(depth: DepthMap) -> Iterator[str]:
@@ -175,7 +168,7 @@ def depths(depth: DepthMap) -> Iterator[str]:
 
 
 def flags(depth: DepthMap) -> Iterator[str]:
-    """Check that most depths are not in doubt."""
+    """Check that all depths are in front of the radar, and most not in doubt."""
     return doubt([depth])
 
 
@@ -211,26 +204,32 @@ def result_warnings(result: Result) -> Iterator[str]:
 
 
 def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:
-    """Yield a sentence if most depths of a method's maps are in doubt."""
-    if (percent := doubtful_percent(depths)) > CROWDED_PERCENT:
+    """Yield a sentence if depths of a method's maps are 0 or less, and one if most are in doubt."""
+    seen, doubtful, zeros = _counts(depths)
+    if zeros:
+        yield f"{zeros} depths are 0 or less; write NaN where there is no depth"
+    if (percent := 100 * doubtful / max(seen, 1)) > CROWDED_PERCENT:
         yield (
             f"{percent:.0f} % of the pixels with a depth are in doubt: likelier wrong than right "
             f"(p_gross > {FLAGGED:g}), or flagged as wrapped"
         )
 
 
-def doubtful_percent(depths: Iterable[DepthMap]) -> float:
-    """Return how many of the pixels on target of depth maps are in doubt, percent."""
-    maps = [(np.isfinite(depth.z_m).sum(), depth.doubtful.sum()) for depth in depths]
-    seen, doubtful = np.sum([(0, 0), *maps], axis=0)
-    return float(100 * doubtful / max(seen, 1))
+def _counts(depths: Iterable[DepthMap]) -> tuple[int, int, int]:
+    """Return how many pixels of depth maps have a depth, one in doubt, and one of 0 or less."""
+    seen, doubtful, zeros = 0, 0, 0
+    for depth in depths:
+        seen += int(np.count_nonzero(np.isfinite(depth.z_m)))
+        doubtful += int(np.count_nonzero(depth.doubtful))
+        zeros += int(np.count_nonzero(depth.z_m <= 0))
+    return seen, doubtful, zeros
 
 
 def on_target(depth: DepthMap) -> str:
     """Return a text with the number of pixels of a depth map that have a depth, and the share of
     them that is in doubt."""
-    seen = np.count_nonzero(np.isfinite(depth.z_m))
-    return f"{seen} pixels on target, {doubtful_percent([depth]):.1f} % of them in doubt"
+    seen, doubtful, _ = _counts([depth])
+    return f"{seen} pixels on target, {100 * doubtful / max(seen, 1):.1f} % of them in doubt"
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:
