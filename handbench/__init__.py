@@ -10,12 +10,10 @@
 
 Every function does what the command of its name does (`handbench reconstruct`, …), raises
 `HandbenchError` for a known mistake, and takes and returns SI units in the radar's frame
-(docs/conventions.md). Importing this package loads only the standard library; each call imports
-what it needs.
+(docs/conventions.md). Importing this package loads only the standard library.
 """
 
 from importlib import import_module
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +30,6 @@ if TYPE_CHECKING:
         compare,
         load,
         methods,
-        operator,
         reconstruct_mesh,
         run,
         save_capture,
@@ -41,6 +38,7 @@ if TYPE_CHECKING:
     )
     from handbench.radar.data.capture import RadarCapture
     from handbench.radar.data.depthmap import DepthMap
+    from handbench.radar.simulation.forward import operator
     from handbench.support.errors import HandbenchError
 
 if not (Path(__file__).parent / "bench").exists():  # in a clone, whose rooms stand beside it
@@ -75,11 +73,14 @@ DEFINED_IN = {  # the modules of the names that handbench/interface.py does not 
     "Result": "handbench.bench.results.result_folder",
     "Surface": "handbench.groundtruth.mesh.surface",
     "Transform": "handbench.calibration.transforms",
+    "operator": "handbench.radar.simulation.forward",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
+        from importlib.metadata import version
+
         return version(__name__)
     if name not in __all__:
         raise AttributeError(f"module 'handbench' has no attribute '{name}'")

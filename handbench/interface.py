@@ -1,5 +1,6 @@
 """The public Python interface, `import handbench`: objects for captures, depth maps and scores, and
-functions that do what the commands do."""
+functions that do what the commands do. A library that takes long to import is imported by the call
+that needs it."""
 
 from __future__ import annotations
 
@@ -8,22 +9,30 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from handbench.bench.datasets.dataset import load_any_transform, open_capture
+from handbench.bench.evaluation import score, scoring_protocols
+from handbench.bench.stages.image import configured, image, prepare
+from handbench.bench.validation.checks import CHANNELS, warnings_of
+from handbench.calibration.transforms import Transform
+from handbench.groundtruth.mesh.surface import Surface, read_surface
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import RadarCapture, as_complex64, fitting_unit, to_capture
+from handbench.radar.data.depthmap import DepthMap, load_depthmap
+from handbench.radar.data.grid import PixelGrid
+from handbench.radar.methods import registry
+from handbench.support.config import Config, parse, suggest
+from handbench.support.errors import HandbenchError
+from handbench.support.progress import say
+
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
-    from scipy.sparse.linalg import LinearOperator
 
     from handbench.bench.evaluation.depth_errors import ErrorMap
     from handbench.bench.results.result_folder import Result
-    from handbench.calibration.transforms import Transform
-    from handbench.groundtruth.mesh.surface import Surface
-    from handbench.radar.data.arrays import AntennaArray
-    from handbench.radar.data.capture import RadarCapture
-    from handbench.radar.data.depthmap import DepthMap
-    from handbench.radar.data.grid import VoxelGrid
-    from handbench.support.config import Config
 
 MESHES = (".ply", ".obj", ".stl")
 File = str | Path
@@ -44,16 +53,10 @@ def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
     """
     path = Path(path)
     if path.suffix == ".npz":
-        from handbench.radar.data.depthmap import load_depthmap
-
         return Depth(load_depthmap(path))
     if path.suffix == ".json":
-        from handbench.bench.datasets.dataset import load_any_transform
-
         return load_any_transform(path)
     if path.suffix.lower() in MESHES:
-        from handbench.groundtruth.mesh.surface import read_surface
-
         return read_surface(path, unscaled=True)
     if (path / "result.json").is_file():
         from handbench.bench.results.result_folder import load as load_result
@@ -75,15 +78,11 @@ class Capture:
     """
 
     def __init__(self, path: File) -> None:
-        from handbench.bench.datasets.dataset import open_capture
-
         self._recorded = open_capture(path)
         self.name: str = self._recorded.about.name
         self.folder: Path = self._recorded.folder
 
     def __repr__(self) -> str:
-        from handbench.radar.data.capture import fitting_unit
-
         echoes = self.echoes
         hz = echoes.frequencies_hz
         unit_hz, unit = fitting_unit(hz.max())
@@ -137,18 +136,12 @@ class Capture:
             HandbenchError: an unknown method or parameter, a frame or a tone that the capture does
                 not have.
         """
-        from handbench.bench.stages.image import configuration, image
-        from handbench.bench.validation.checks import CHANNELS, warnings_of
-        from handbench.radar.methods import registry
-        from handbench.support.progress import say
-
-        chosen = registry.method(method)
-        settings = _within(configuration(self.folder, method, {}), settings)
+        about = self._recorded.about
+        settings = _within(configured(about, method, {}), settings)
         for warning in warnings_of(self.echoes, CHANNELS):
             say(f"{self.folder}: {warning}")
-        return Depth(
-            image(self.echoes, chosen, configuration(self.folder, method, settings), frame), self
-        )
+        config = configured(about, method, settings)
+        return Depth(image(self.echoes, registry.method(method), config, frame), self)
 
 
 def stream(
@@ -173,19 +166,12 @@ def stream(
         HandbenchError: an unknown method or parameter, or, from the function, samples that do not
             fit.
     """
-    import numpy as np
-
-    from handbench.bench.stages.image import prepare
-    from handbench.radar.data.capture import RadarCapture, as_complex64
-    from handbench.radar.methods import registry
-
     chosen = registry.method(method)
-    where = f"method '{method}'"
-    config = chosen.configure(_within(chosen.configure({}, where), settings), where)
+    config = chosen.configure(_within(chosen.defaults, settings), f"method '{method}'")
     asked_hz = config.frequencies_hz if frequencies_hz is None else np.asarray(frequencies_hz)
     begun = False
 
-    def image(samples: np.ndarray) -> Depth:
+    def imaged(samples: np.ndarray) -> Depth:
         nonlocal begun
         echoes = RadarCapture(as_complex64(np.asarray(samples))[None], asked_hz, array)
         if not begun:  # what does not change from frame to frame is checked once
@@ -193,7 +179,7 @@ def stream(
             begun = True
         return Depth(chosen.run(echoes, config))
 
-    return image
+    return imaged
 
 
 def _within(usual: Config, settings: dict[str, Any]) -> dict[str, Any]:
@@ -295,8 +281,6 @@ class Depth(Delegating, Plottable):
 
     def points_m(self) -> np.ndarray:
         """Return the pixels with a depth as points [n, 3], metres in the radar's frame."""
-        import numpy as np
-
         x_m, y_m = np.meshgrid(self.x_m, self.y_m)
         return np.stack([x_m, y_m, self.z_m], axis=-1)[np.isfinite(self.z_m)]
 
@@ -322,13 +306,6 @@ class Depth(Delegating, Plottable):
         Raises:
             HandbenchError: there is no mesh, or no transform for the capture's own mesh.
         """
-        from handbench.bench.datasets.dataset import load_any_transform
-        from handbench.bench.evaluation import scoring_protocols
-        from handbench.bench.evaluation.score import reference_of_surface, score
-        from handbench.groundtruth.mesh.surface import read_surface
-        from handbench.radar.data.grid import PixelGrid
-        from handbench.support.errors import HandbenchError
-
         if mesh is None and self.capture is not None:
             # which is in the radar's frame already
             mesh = self.capture.truth if transform is None else None
@@ -347,11 +324,11 @@ class Depth(Delegating, Plottable):
             )
         if transform is None or isinstance(transform, str | Path):
             transform = load_any_transform(None if transform is None else Path(transform))
-        reference = reference_of_surface(
+        reference = score.reference_of_surface(
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
         recorded = None if self.capture is None else self.capture._recorded
-        found = score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
+        found = score.score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
         return Score(found.errors, found.figures, self.method)
 
 
@@ -369,6 +346,8 @@ class Score(Plottable):
         self.errors, self.values, self.method = errors, values, method
 
     def __getitem__(self, name: str) -> float | None:
+        if name not in self.values:
+            raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self.values))}")
         return self.values[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -448,38 +427,7 @@ def compare(a: File | RunResult, b: File | RunResult) -> pd.DataFrame:
 
 def methods() -> dict[str, str]:
     """Return all imaging methods: id → one line of text that describes the method."""
-    from handbench.radar.methods.registry import METHODS
-
-    return {method.id: method.summary for method in METHODS.values()}
-
-
-def operator(
-    array: AntennaArray,
-    frequencies_hz: ArrayLike,
-    grid: VoxelGrid | ArrayLike,
-    tolerance: float | None = 1e-3,
-) -> LinearOperator:
-    """Return the linear model of echoes A and its adjoint, for solvers such as SciPy's `lsqr`:
-
-        (A x)(f, t, r) = Σ_p x(p) exp(−j2πf(|p − t| + |p − r|)/c)
-        (Aᴴ y)(p) = Σ_{f,t,r} y(f, t, r) exp(+j2πf(|p − t| + |p − r|)/c), which is backprojection
-
-    Args:
-        array: the antennas t and r, as `capture.echoes.aperture`.
-        frequencies_hz: the tones f.
-        grid: the points p, a `VoxelGrid` or positions [n, 3] in the radar's frame, metres.
-        tolerance: relative L2 error of both products, 1e-6 to 0.1; None: exact sums.
-
-    Returns:
-        SciPy's LinearOperator, complex64: a row per sample in the order f, t, r, a column per voxel
-        in the order z, y, x, or per point.
-
-    Raises:
-        HandbenchError: a scan instead of an array, or an invalid argument.
-    """
-    from handbench.radar.simulation.forward import operator as of_points
-
-    return of_points(array, frequencies_hz, grid, tolerance)
+    return {method.id: method.summary for method in registry.METHODS.values()}
 
 
 def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False) -> Capture:
@@ -543,11 +491,7 @@ def save_capture(
     Raises:
         HandbenchError: the folder exists, or the shapes do not fit together.
     """
-    import numpy as np
-
     from handbench.bench.datasets.native import save_echoes_folder
-    from handbench.radar.data.capture import to_capture
-    from handbench.support.errors import HandbenchError
 
     if Path(folder).exists():
         raise HandbenchError(f"{folder}: exists already; choose a new folder")
@@ -590,7 +534,6 @@ def reconstruct_mesh(
     """
     from handbench.groundtruth.options import Options
     from handbench.groundtruth.pipeline import reconstruct
-    from handbench.support.config import parse
 
     found = reconstruct(
         Path(photos), parse(Options, options, "groundtruth"), Path(workdir) if workdir else None
@@ -632,8 +575,6 @@ def run(bench: File, folder: File, overwrite: bool = False) -> RunResult:
         The result, whose tables `.table`, `.tasks`, `.comparisons`, … are pandas DataFrames.
     """
     from handbench.bench.benchmarks.benchmark_file import load_benchmark
-    from handbench.bench.results.result_folder import load as load_result
     from handbench.bench.run import runner
 
-    runner.run(*load_benchmark(str(bench)), Path(folder), overwrite)
-    return RunResult(load_result(folder))
+    return RunResult(runner.run(*load_benchmark(str(bench)), Path(folder), overwrite))

@@ -292,16 +292,23 @@ def operator(
     grid: VoxelGrid | ArrayLike,
     tolerance: float | None = 1e-3,
 ) -> LinearOperator:
-    """Return the operator A [f·t·r, n], complex64, from reflectivities x of a grid's n points p to
-    noise-free samples, and its adjoint, which is backprojection:
+    """Return the linear model of echoes A and its adjoint, for solvers such as SciPy's `lsqr`:
 
         (A x)(f, t, r) = Σ_p x(p) exp(−j2πf(|p − t| + |p − r|)/c)
-        (Aᴴ y)(p) = Σ_{f,t,r} y(f, t, r) exp(+j2πf(|p − t| + |p − r|)/c)
+        (Aᴴ y)(p) = Σ_{f,t,r} y(f, t, r) exp(+j2πf(|p − t| + |p − r|)/c), which is backprojection
 
-    Rows are in the order f, t, r, and 0 for pairs that were not measured; columns are in the order
-    z, y, x of a `VoxelGrid`, or as the points [n, 3] are. tolerance: largest relative L2 error of
-    both products, 1e-6 to 0.1; None for exact sums. Raises HandbenchError for a scan and for
-    invalid arguments.
+    Args:
+        array: the antennas t and r, as `capture.echoes.aperture`.
+        frequencies_hz: the tones f.
+        grid: the points p, a `VoxelGrid` or positions [n, 3] in the radar's frame, metres.
+        tolerance: largest relative L2 error of both products, 1e-6 to 0.1; None: exact sums.
+
+    Returns:
+        SciPy's LinearOperator, complex64: a row per sample in the order f, t, r, 0 for pairs that
+        were not measured; a column per voxel in the order z, y, x, or per point.
+
+    Raises:
+        HandbenchError: a scan instead of an array, or an invalid argument.
     """
     check(tolerance)
     tones_hz = tones("frequencies_hz", frequencies_hz)
