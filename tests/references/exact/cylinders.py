@@ -9,7 +9,8 @@ cylinder scatters to the others, so that all orders of scattering are there. Tim
 
 Wait, The scattering of electromagnetic waves from dielectric cylinders, Can. J. Phys. 33 (1955)
 189; Olaofe, Scattering by two cylinders, Radio Sci. 5 (1970) 1351; Abramowitz & Stegun 9.1.27
-(derivatives), 9.1.79 (Graf).
+(derivatives), 9.1.79 (Graf). `test_cylinders.py` of commit fed65f85 holds it to no field along
+metal, reciprocity and geometrical optics.
 """
 
 from dataclasses import dataclass
