@@ -24,11 +24,7 @@ def refuse(call: Callable[[], object], *places: str) -> None:
 def refuse_command(arguments: list[str], *places: str) -> None:
     """Assert that a command ends with exit code 2 after one line that names every place."""
     with redirect_stderr(StringIO()) as printed:
-        try:
-            code = main(arguments)
-        except SystemExit as end:  # argparse's own
-            code = end.code
-    assert code == 2
+        assert main(arguments) == 2
     _check(printed.getvalue().strip().rpartition("\n")[2], places)
 
 

@@ -122,6 +122,7 @@ REFUSALS = [  # calls of a capture, its depth map and an empty folder, and the p
         lambda ball, depth, folder: depth.evaluate(transform=hb.Transform("photo", "radar", EYE)),
         ["mesh"],
     ),
+    (lambda ball, depth, folder: depth.evaluate()["mae"], ["'mae'", "'mae_mm'"]),
     (lambda ball, depth, folder: hb.load(RESULT).plot("ecd"), ["'ecd'", "'ecdf'"]),
 ]
 

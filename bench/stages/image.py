@@ -16,8 +16,8 @@ from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.evidence import frames_with_echoes, require_evidence
 from handbench.radar.methods.registry import Method, method
 from handbench.radar.methods.settings import MethodSettings
-from handbench.support.cost import setting
 from handbench.support.errors import HandbenchError
+from handbench.support.parallel import setting
 
 OUTLYING = 8.0  # times the median distance from the middle: farther, an antenna is no part of it
 LEAST_M = 0.5  # from the middle, which antennas may be whatever the others are
@@ -98,7 +98,7 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
     """Return the capture unchanged. Raises HandbenchError if an antenna is further from the origin
     than the environment variable HANDBENCH_FARTHEST_M allows, which suggests positions in
     millimetres, or if one is far from all others, whose place is then most likely damaged."""
-    farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "metres")
+    farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "number of metres")
     far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
     if far_m > farthest_m:
         raise HandbenchError(

@@ -1,4 +1,3 @@
-# PYTHON_ARGCOMPLETE_OK
 """The command line: handbench COMMAND. Large libraries are imported only after a command is
 chosen."""
 
@@ -8,13 +7,13 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from importlib.metadata import version
 from typing import NoReturn
 
 from handbench.cli.options import COMMANDS, add_options
-from handbench.support.errors import HandbenchError, printable
+from handbench.support.errors import HandbenchError
 from handbench.support.progress import say
 
 STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}  # by their numbers 0, 1, 2
@@ -32,18 +31,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    known = parser()
-    if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
-        import argcomplete
-
-        argcomplete.autocomplete(known)
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
-    options = known.parse_args(arguments)
     code = 2
     try:
+        known = parser()
+        if "_ARGCOMPLETE" in os.environ:  # a shell asks what could come next
+            import argcomplete
+
+            argcomplete.autocomplete(known)
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
+        options = known.parse_args(arguments)
         _require_current_folder()
-        with _device(options):
+        with ExitStack() as device:
+            if "device" in options:
+                from handbench.radar.imaging.device import use_device
+
+                device.enter_context(use_device(options.device))
             module, function = options.function.split(".")
             getattr(import_module(f"handbench.cli.{module}"), function)(options)
         sys.stdout.flush()
@@ -107,21 +110,11 @@ def _drain() -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
-def _device(options: argparse.Namespace) -> AbstractContextManager[None]:
-    """Return a context manager that makes the command image on the device in its options (CPU or
-    GPU). It has no effect for a command without this option."""
-    if "device" not in options:
-        return nullcontext()
-    from handbench.radar.imaging.device import use_device
-
-    return use_device(options.device)
-
-
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors quote names, which may be a stranger's, as a terminal can show them."""
+    """A parser whose errors are one line, as all others."""
 
     def error(self, message: str) -> NoReturn:
-        super().error(printable(message))
+        raise HandbenchError(f"{message}; see {self.prog} --help")
 
 
 def parser() -> Parser:
@@ -136,7 +129,3 @@ def parser() -> Parser:
         add_options(command, entry["options"])
         command.set_defaults(function=entry["function"])
     return top
-
-
-if __name__ == "__main__":
-    sys.exit(main())

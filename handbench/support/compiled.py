@@ -80,13 +80,10 @@ def _numba(folder: Path | None) -> Any:
         warnings.filterwarnings("error", "Environment variable 'NUMBA_")
         try:
             return import_module("numba")
-        except RuntimeWarning as error:
-            raise HandbenchError(f"{str(error).splitlines()[0]} Correct or unset it") from None
-        except ValueError:
-            name = "NUMBA_NUM_THREADS"
+        except (RuntimeWarning, ValueError) as error:
             raise HandbenchError(
-                f"{name}: is '{os.environ.get(name)}'; set it to a whole number from 1 on, or "
-                "unset it"
+                f"NUMBA_NUM_THREADS, or another variable of numba: {str(error).splitlines()[0]} "
+                "Correct or unset it"
             ) from None
 
 

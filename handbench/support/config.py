@@ -1,13 +1,13 @@
 """Configurations that are checked strictly: every key must be known and every value valid. For a
 mistyped key, the nearest known one is suggested."""
 
-import difflib
 import json
 import re
 import reprlib
 import tomllib
 from collections.abc import Iterator
 from contextlib import suppress
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
@@ -201,11 +201,17 @@ def load(model: type[ConfigT], path: str | Path, what: str) -> ConfigT:
 
 
 def suggest(name: str, known: list[str]) -> str:
-    """Return a hint for an unknown name: "did you mean 'x'?" with the known name of similar
-    letters, or a list of all known names if none is similar."""
-    spelled = {each.casefold(): each for each in known}
-    for near in difflib.get_close_matches(name.casefold(), spelled, n=1, cutoff=0.5):
-        return f"did you mean '{spelled[near]}'?"
+    """Return a hint for an unknown name: "did you mean 'x'?" with the known name of the most
+    similar spelling and, of several, of the most similar letters in any order; or a list of all
+    known names if none is similar."""
+
+    def likeness(each: str) -> list[float]:
+        spelled = name.casefold(), each.casefold()
+        return [SequenceMatcher(None, *map(form, spelled)).ratio() for form in (str, sorted)]
+
+    best = max(known, key=likeness, default="")
+    if likeness(best)[0] >= 0.5:
+        return f"did you mean '{best}'?"
     return f"known: {', '.join(sorted(known))}"
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 
 from handbench.support.errors import HandbenchError
+from handbench.support.parallel import setting
 
 LITTLE_BYTES = 2**26  # of memory, which every machine has
 SAMPLE_S = 0.05
@@ -116,25 +117,9 @@ def require_memory(needed_bytes: float, what: str, advice: str) -> None:
     if needed_bytes < LITTLE_BYTES and not os.environ.get("HANDBENCH_MEMORY_GB"):
         return  # to ask the system takes longer than such work
     free_gb = psutil.virtual_memory().available / 1e9
-    most_gb = setting("HANDBENCH_MEMORY_GB", free_gb, "gigabytes")
+    most_gb = setting("HANDBENCH_MEMORY_GB", free_gb, "number of gigabytes")
     if needed_bytes > 1e9 * most_gb:
         raise HandbenchError(
             f"{what}: needs {needed_bytes / 1e9:.3g} GB of memory, more than the {most_gb:.3g} GB "
             f"that it may take; {advice}, or set HANDBENCH_MEMORY_GB"
         )
-
-
-def setting(name: str, default: float, unit: str) -> float:
-    """Return a positive number from the environment variable `name`, or `default` if it is not set.
-    unit: of the number, for the message. Raises HandbenchError for anything but a positive
-    number."""
-    wanted = os.environ.get(name, "")
-    try:
-        value = float(wanted) if wanted else default
-    except ValueError:
-        value = 0.0
-    if not value > 0:
-        raise HandbenchError(
-            f"{name}: is '{wanted}'; set it to a positive number of {unit}, or unset it"
-        )
-    return value

@@ -12,7 +12,6 @@ import json
 import math
 import os
 import re
-import secrets
 import shutil
 import unicodedata
 import zipfile
@@ -21,6 +20,7 @@ from contextlib import contextmanager, suppress
 from glob import escape
 from operator import methodcaller
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any, TypeVar
 
 import numpy as np
@@ -29,9 +29,8 @@ from numpy.lib import format as npy
 from handbench.support.errors import HandbenchError
 
 T = TypeVar("T")
-UNCHANGED = "nothing was changed; free space on the disk, or choose another place"
 NAMED = 40  # characters of a name, with which that of its temporary folder begins
-TOKEN = 6  # random bytes at its end
+TEMPORARY = ".handbench"  # its end
 MB = 2**20
 TOML_BYTES = MB // 4
 JSON_BYTES = XML_BYTES = CSV_BYTES = 4 * MB
@@ -67,7 +66,7 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     replaces `path`; when it fails, the file is removed. An OSError (a full disk, a read-only
     folder) becomes a HandbenchError, and so does a device at `path`."""
     path = Path(path)
-    with writable(path, UNCHANGED), _beside(path) as temporary:
+    with _beside(path) as temporary:
         if path.exists() and not path.is_file():
             raise OSError(errno.EEXIST, "it is a folder or a device")
         yield temporary
@@ -81,10 +80,18 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     when it fails, the folder is removed. Raises HandbenchError if `path` is a file or a link, and
     instead of any other OSError."""
     path = Path(path)
-    with writable(path, UNCHANGED), _beside(path) as temporary:
+    with _beside(path) as temporary:
         temporary.mkdir()
         yield temporary
-        _replace_folder(temporary, path)
+        before = temporary.parent / f"-{path.name[:NAMED]}"
+        if path.is_dir() and not path.is_symlink():
+            # refuses the current folder and mount points, where deleting first would empty them
+            os.replace(path, before)
+        try:
+            os.replace(temporary, path)
+        finally:
+            if before.exists() and not path.exists():
+                os.replace(before, path)
 
 
 @contextmanager
@@ -93,24 +100,22 @@ def _beside(path: Path) -> Iterator[Path]:
     that is removed at the end. Such folders that killed processes have left for this name are
     removed first; those of living ones are locked. Errors name `path` instead."""
     start = f".{path.name[:NAMED]}-"
-    for folder in path.parent.glob(escape(start) + "[0-9a-f]" * 2 * TOKEN):
-        with suppress(OSError), _locked(folder) as unused:
-            if unused:
-                shutil.rmtree(folder)
-    folder = path.parent / (start + secrets.token_hex(TOKEN))
-    folder.mkdir()
-    try:
-        with _locked(folder):
-            yield folder / path.name
-    except HandbenchError as error:
-        error.args = (str(error).replace(str(folder / path.name), str(path)),)
-        raise
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with writable(path):
+        for left in path.parent.glob(f"{escape(start)}*{TEMPORARY}"):
+            with suppress(OSError), _locked(left) as unused:
+                if unused:
+                    shutil.rmtree(left)
+        with TemporaryDirectory(TEMPORARY, start, path.parent, True) as folder, _locked(folder):
+            temporary = Path(folder, path.name)
+            try:
+                yield temporary
+            except HandbenchError as error:
+                error.args = (str(error).replace(str(temporary), str(path)),)
+                raise
 
 
 @contextmanager
-def _locked(folder: Path) -> Iterator[bool]:
+def _locked(folder: str | Path) -> Iterator[bool]:
     """Context manager that locks a folder, until its block or this process ends. It yields whether
     it could be locked: another process may have done so, and some disks have no locks."""
     descriptor = os.open(folder, os.O_DIRECTORY | os.O_NOFOLLOW)
@@ -126,9 +131,9 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 
 @contextmanager
-def writable(path: Path, advice: str) -> Iterator[None]:
+def writable(path: Path) -> Iterator[None]:
     """Context manager for writing `path`. It creates the parent folder, and turns every OSError,
-    also one in the block, into a HandbenchError that ends with `advice`."""
+    also one in the block, into a HandbenchError."""
     try:
         if "\0" in str(path):
             raise OSError(errno.EINVAL, "a name cannot have a zero byte")
@@ -136,23 +141,9 @@ def writable(path: Path, advice: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise HandbenchError(
-            f"{path}: cannot be written ({error.strerror or error}); {advice}"
+            f"{path}: cannot be written ({error.strerror or error}); free space on the disk, or "
+            "choose another place"
         ) from error
-
-
-def _replace_folder(new: Path, path: Path) -> None:
-    """Rename the folder `new` to `path`.
-    An existing folder at `path` is first moved aside; it then takes the place of `new`, or is moved
-    back if renaming fails. Raises OSError if `path` is a file or a link."""
-    aside = new.parent.with_name(f"{new.parent.name}-old")
-    if path.is_dir() and not path.is_symlink():
-        # refuses the current folder and mount points, where deleting first would empty them
-        os.replace(path, aside)
-    try:
-        os.replace(new, path)
-    finally:
-        if aside.exists():
-            os.replace(aside, new if path.exists() else path)
 
 
 def require_file(path: str | Path, what: str) -> Path:
@@ -357,7 +348,7 @@ def read_npz(
             }
     except Exception as error:  # zip, zlib, header and pickle errors have no common base
         raise HandbenchError(
-            f"{path}: is not a readable .npz file ({error}); make the file again"
+            f"{path}: {error}; expected an .npz file with {', '.join(names)}; make the file again"
         ) from error
 
 

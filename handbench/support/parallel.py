@@ -23,18 +23,30 @@ from handbench.support.errors import HandbenchError
 
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
 Item = TypeVar("Item")
+Number = TypeVar("Number", int, float)
 
 
 def workers() -> int:
     """Return the number of threads to use: HANDBENCH_WORKERS if set, otherwise the number of cores
     available to this process. Raises HandbenchError if HANDBENCH_WORKERS is not a whole number from
     1 on."""
-    wanted = os.environ.get("HANDBENCH_WORKERS", "")
-    if wanted and not (wanted.isdigit() and int(wanted)):
-        raise HandbenchError(
-            f"HANDBENCH_WORKERS: is '{wanted}'; set it to a whole number of threads, or unset it"
-        )
-    return int(wanted) if wanted else len(os.sched_getaffinity(0))
+    cores = len(os.sched_getaffinity(0))
+    return setting("HANDBENCH_WORKERS", cores, "whole number of threads", int)
+
+
+def setting(
+    name: str, default: Number, what: str, convert: Callable[[str], Number] = float
+) -> Number:
+    """Return a positive number from the environment variable `name`, or `default` if it is not set.
+    what: "number of" its unit, for the message. Raises HandbenchError for any other text."""
+    wanted = os.environ.get(name, "")
+    try:
+        value = convert(wanted) if wanted else default
+    except ValueError:
+        value = convert("0")
+    if not value > 0:
+        raise HandbenchError(f"{name}: is '{wanted}'; set it to a positive {what}, or unset it")
+    return value
 
 
 def for_each(function: Callable[[Item], None], items: Iterable[Item]) -> None:

@@ -7,10 +7,11 @@ import sys
 import textwrap
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import parent_process
+from operator import length_hint
 from typing import Any, TextIO, TypeVar
 
 from handbench.support.errors import printable
@@ -168,11 +169,11 @@ def _lines(work: Work) -> Iterator[None]:
         printer.join()
 
 
-def track(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+def track(items: Iterable[Item], description: str, total: int = 0) -> Iterator[Item]:
     """Yield `items` one by one and show the progress on stderr; inside other work, as a step of the
     part at work.
     description: the work, in words; total: number of items, if `items` has no length."""
-    total = total if total is not None else len(items) if isinstance(items, Sized) else 0
+    total = total or length_hint(items)
     if (outer := _current) is not None:
         for number, item in enumerate(items):
             outer.detail = f"{description} {number + 1}" + (f" of {total}" if total else "")

@@ -37,7 +37,6 @@ from handbench.support.parallel import one_blas_thread
 from handbench.support.progress import say
 
 MARKER, WORK = ".handbench-run", "work"
-ADVICE = "free space on the disk, or choose another folder for -o"
 STAMP = "stage.json"  # in each folder: what its files cost, and their hash
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = (
@@ -107,7 +106,7 @@ def source_hash(name: str) -> str:
     return content_hash([[file.relative_to(place).as_posix(), content_hash(file)] for file in kept])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Stage:
     """A call of a stage's function, whose result is stored on disk. Any machine that sees the files
     can carry it out.
@@ -128,11 +127,9 @@ class Stage:
 
     def __post_init__(self) -> None:
         identity, values = _each(self.arguments, 1), _each(self.arguments, 0)
-        code = code_key(self.function)
-        object.__setattr__(self, "code", code)
-        key = content_hash(self.name, self.capture, self.method, identity, code)
-        object.__setattr__(self, "key", key)
-        object.__setattr__(self, "arguments", values)
+        self.code = code_key(self.function)
+        self.key = content_hash(self.name, self.capture, self.method, identity, self.code)
+        self.arguments = values
 
     @property
     def name(self) -> str:
@@ -219,17 +216,13 @@ def require_owned(path: Path) -> os.stat_result | None:
         found = os.lstat(path)
     except FileNotFoundError:
         return None
-    _refuse_foreign(found, path)
-    return found
-
-
-def _refuse_foreign(found: os.stat_result, path: Path) -> None:
     ordinary = stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)
     if not ordinary or os.geteuid() not in (0, found.st_uid):
         raise HandbenchError(
             f"{path}: is a link or a device, or belongs to another user, so handbench did not "
             "write it and does not change it; remove it, or choose another folder for -o"
         )
+    return found
 
 
 def is_owned_folder(path: Path) -> bool:
@@ -240,17 +233,10 @@ def is_owned_folder(path: Path) -> bool:
     return found is not None and stat.S_ISDIR(found.st_mode)
 
 
-def _open_owned(path: str, flags: int) -> int:
-    """Open a file of this user, without following a link or waiting for a pipe. An `opener` of
-    `open`."""
-    require_owned(Path(path))
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK, 0o666)
-
-
 def drop(folder: Path, names: Sequence[str]) -> None:
     """Delete files and folders in a folder before they are written again: those with the given
     names, in this order."""
-    with writable(folder, ADVICE):
+    with writable(folder):
         for name in names:
             _remove(folder / name)
 
@@ -280,13 +266,14 @@ def locked(folder: Path) -> Iterator[Path]:
         )
     work = folder / WORK
     with ExitStack() as ending:
-        with writable(folder, ADVICE):
+        with writable(folder):
             folder.mkdir(exist_ok=True)
-            _refuse_foreign(folder.stat(), folder)
-            for path in there:
+            for path in (folder.resolve(), *there):
                 require_owned(path)
             # first: it says whose a folder without work is
-            marker = ending.enter_context(open(folder / MARKER, "ab", opener=_open_owned))
+            flags = os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+            marker = os.open(folder / MARKER, flags, 0o666)
+            ending.callback(os.close, marker)
             work.mkdir(exist_ok=True)
         try:
             fcntl.flock(marker, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -90,7 +90,8 @@ def test_a_command_that_is_ended_leaves_nothing(made, tmp_path, monkeypatch, num
 
 
 def test_what_a_killed_command_left_is_removed_by_the_next(tmp_path):
-    living, dead, other = (tmp_path / f".a.txt-{end}" for end in ("0" * 12, "1" * 12, "mine"))
+    ends = ("0.handbench", "1.handbench", "mine")
+    living, dead, other = (tmp_path / f".a.txt-{end}" for end in ends)
     for folder in (living, dead, other):
         folder.mkdir()
     lock = os.open(living, os.O_DIRECTORY)
