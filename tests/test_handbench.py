@@ -16,7 +16,6 @@ import pytest
 import handbench as hb
 from tests.golden_files import RESULT
 from tests.refusals import refuse
-from tests.rooms import ROOMS
 from tests.small_benchmark import write_bench
 
 ROOT = Path(__file__).parents[1]
@@ -45,22 +44,6 @@ def python(*words, cwd=None):
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
-
-
-@pytest.mark.slow
-def test_a_script_loads_images_scores_and_draws_beside_files_named_as_ours_were(ball, tmp_path):
-    for name in ROOMS:
-        (tmp_path / f"{name}.py").write_text("raise RuntimeError('the user's own file')")
-    (tmp_path / "script.py").write_text(f"""import handbench as hb
-ball = hb.load({str(ball.folder)!r})
-depth = ball.reconstruct("3fsk", x={PIXELS["x"]}, y={PIXELS["y"]})
-score = depth.evaluate()
-print(score["mae_mm"])
-score.plot("errors.png")
-""")
-    # as `handbench evaluate` on the same ball, in tests/cli
-    assert float(python("script.py", cwd=tmp_path)) < 1.0
-    assert (tmp_path / "errors.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_importing_loads_the_standard_library_alone():

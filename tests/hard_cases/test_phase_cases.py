@@ -29,7 +29,6 @@ from tests.hard_cases.scenes import (
     small_array,
 )
 from tests.references.balls import LIGHT_M_S, PI, U_SINGLE, U, balls, off
-from tests.refusals import refuse
 
 FINEST_HZ = {"2fsk": 0.2e9, "3fsk": 2.3e9, "3fsk-plus": 2.3e9, "nfsk": 9.8e9}
 OFFSETS_MM = (-370, -200, -100, -10, 10, 100, 200, 370)
@@ -115,19 +114,6 @@ def test_tones_that_meet_keep_the_phase_of_their_roundings(difference_hz, within
     depth = depth_map("2fsk", recorded(POINT_M, tones), **values)
     phase_rad = 4 * np.pi * difference_hz / C * (off_mm(depth) - 1e-3) / 1e3
     within(phase_rad, 2 * (1 + 2 * 4 + 1) * U_SINGLE, "rad")
-
-
-@pytest.mark.parametrize(
-    ("id", "tones_hz", "place"),
-    [
-        ("2fsk", [82e9, 82e9], "tones_hz"),
-        ("nfsk", [82e9, 82e9, 79.5e9], "tones_hz"),
-        ("3fsk", [82e9, 81.8e9, 81.8e9], "tones_hz"),
-        ("3fsk-plus", [82e9, 82e9 + 1.0, 79.5e9], "frequencies"),
-    ],
-)
-def test_equal_tones_have_no_depth(id, tones_hz, place):
-    refuse(lambda: depth_map(id, recorded(POINT_M, LADDER_HZ), tones_hz=tones_hz), place)
 
 
 @pytest.mark.parametrize("z_m", [POINT_M[2], 1.2])

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from handbench.calibration.ball_fit import fit_balls
-from handbench.calibration.optical_detection import find_spheres, fit_sphere
+from handbench.calibration.optical_detection import fit_sphere
 from handbench.calibration.registration import GROSS
 from handbench.calibration.target import Candidate, Element, Target, default_target, match
 from handbench.groundtruth.sparse.frame import TRIM, trimmed_similarity
@@ -132,6 +132,8 @@ def test_centres_of_spheres_of_which_a_cap_is_seen_are_covered(part, noise_m, wi
         radii_m = radii_m + noise_m * rng.standard_normal((len(normals), 1))
         start_m = 1e-3 * np.array([1, -1, 1])
         found = fit_sphere(radii_m * normals, normals, start_m, RADIUS_M, RADIUS_SIGMA_M)
+        assert found or part < 0.09
+        assert not found or part > 0.07
         within(in_sigmas(*found) if found else 0.0, bound, "σ of the centre", f"draw {seed}")
 
 
@@ -145,19 +147,6 @@ def test_points_that_lie_on_a_sphere_exactly_leave_no_residual(sigma_m, within):
     centre_m, covariance = fit_sphere(points_m, points_m / radius_m, np.zeros(3), radius_m, sigma_m)
     assert np.isfinite(covariance).all()
     within(np.linalg.norm(centre_m), 0, "m")
-
-
-@pytest.mark.parametrize("part", [0.05, 0.03])
-def test_a_target_of_which_a_few_percent_are_seen_is_not_matched(part):
-    """Below a coverage of 8 %, a cap is no sphere."""
-    target, rng = default_target(), np.random.default_rng(2)
-    points_m, normals = [], []
-    for element in target.element:
-        normals.append(cap(rng, RADIUS_M, part, DENSITY_M2))
-        radii_m = element.sphere_radius_m + 1e-4 * rng.standard_normal((len(normals[-1]), 1))
-        points_m.append(element.centre_m + radii_m * normals[-1])
-    seen = find_spheres(np.concatenate(points_m), np.concatenate(normals), target)
-    refuse(lambda: match(seen, target, "photographs"), "photographs")
 
 
 def fitted(gap_m, noise, off_m):

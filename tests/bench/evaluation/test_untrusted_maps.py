@@ -8,7 +8,7 @@ import pytest
 from handbench.bench.evaluation.score import score
 from handbench.groundtruth.mesh.depth import Reference
 from handbench.radar.data.depthmap import DepthMap
-from tests.refusals import refuse, refuse_command
+from tests.refusals import refuse
 
 AXIS_M = np.linspace(-0.02, 0.02, 5)
 Z_M = np.full((5, 5), 0.3)
@@ -40,12 +40,6 @@ WRONG = {
 @pytest.mark.parametrize(("changed", "place"), WRONG.values(), ids=WRONG)
 def test_a_map_with_impossible_numbers_is_not_scored(changed, place):
     refuse(lambda: score(replace(PLAIN, **changed), REFERENCE), place)
-
-
-def test_a_file_with_impossible_numbers_is_named(tmp_path):
-    file = tmp_path / "d.npz"
-    replace(PLAIN, z_m=one(np.inf)).save(file)
-    refuse_command(["evaluate", str(file), "--mesh", str(tmp_path / "a.ply")], str(file), "z_m")
 
 
 @pytest.mark.parametrize("turned", [np.s_[::-1], np.s_[:]], ids=["descending", "ascending"])

@@ -32,46 +32,42 @@ SIGMA_M, ALONG_Z_M = 4e-5, 3e-4
 
 
 @pytest.fixture
-def write_plate(small_bench, tmp_path):
-    """Write the result of two methods that see a plate at 0.3 m perfectly, on grids of their own;
-    the plate's mesh and its transform may know how they err or not."""
+def written(small_bench, tmp_path) -> Path:
+    """The result of two methods that see a plate at 0.3 m perfectly, on grids of their own; its
+    mesh is known to SIGMA_M, and the transform of that to ALONG_Z_M along z."""
     bench, _ = load_benchmark(str(small_bench))
-
-    def written(sigma_m: float, covariance: np.ndarray | None) -> Path:
-        corners_m = np.array([(x, y, 0.3) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
-        faces = np.array([[0, 2, 1], [1, 2, 3]])
-        mesh, folder = tmp_path / "plate.ply", tmp_path / "plate"
-        Surface(corners_m, faces, np.full(4, sigma_m), np.ones(4, bool)).save(mesh)
-        transform = Transform("photo", "radar", np.eye(4), covariance)
-        save_capture_file(folder, CaptureFile(name="plate"))
-        files = {"photogrammetry": (mesh, transform), "truth": (mesh, identity("radar"))}
-        maps, images = dict[str, Path](), list[Imaged]()
-        for entry, axis_m in zip(bench.method, (AXIS_M, AXIS_M[5:-5]), strict=True):
-            z_m, imaged = np.full((len(axis_m), len(axis_m)), 0.3), tmp_path / entry.id
-            maps[entry.id] = imaged / DEPTH
-            imaged.mkdir()
-            DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id).save(maps[entry.id])
-            write_json(imaged / TIMING, {"seconds": [0.1]})
-            stage = Stage(reconstruct, {"config": {}}, "plate", entry.label)
-            images.append((stage, imaged))
-        score_capture(tmp_path / "scored", str(folder), maps, files, bench.protocol)
-        outcome = RunOutcome(
-            bench=bench,
-            captures=[RunCapture(folder, "0" * 64, CaptureFile(name="plate"))],
-            targets=[],
-            engine=Engine(tmp_path, Work(0)),
-            images=by_pair(images),
-            qualities=[],
-            references={"plate": tuple(files)},
-            scores={"plate": tmp_path / "scored"},
-            meshes={},
-            facts={},
-        )
-        (tmp_path / "out").mkdir()
-        write(tmp_path / "out", outcome, "")
-        return tmp_path / "out"
-
-    return written
+    corners_m = np.array([(x, y, 0.3) for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+    faces = np.array([[0, 2, 1], [1, 2, 3]])
+    mesh, folder = tmp_path / "plate.ply", tmp_path / "plate"
+    Surface(corners_m, faces, np.full(4, SIGMA_M), np.ones(4, bool)).save(mesh)
+    transform = Transform("photo", "radar", np.eye(4), np.diag([0, 0, ALONG_Z_M, 0, 0, 0]) ** 2)
+    save_capture_file(folder, CaptureFile(name="plate"))
+    files = {"photogrammetry": (mesh, transform), "truth": (mesh, identity("radar"))}
+    maps, images = dict[str, Path](), list[Imaged]()
+    for entry, axis_m in zip(bench.method, (AXIS_M, AXIS_M[5:-5]), strict=True):
+        z_m, imaged = np.full((len(axis_m), len(axis_m)), 0.3), tmp_path / entry.id
+        maps[entry.id] = imaged / DEPTH
+        imaged.mkdir()
+        DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), entry.id).save(maps[entry.id])
+        write_json(imaged / TIMING, {"seconds": [0.1]})
+        stage = Stage(reconstruct, {"config": {}}, "plate", entry.label)
+        images.append((stage, imaged))
+    score_capture(tmp_path / "scored", str(folder), maps, files, bench.protocol)
+    outcome = RunOutcome(
+        bench=bench,
+        captures=[RunCapture(folder, "0" * 64, CaptureFile(name="plate"))],
+        targets=[],
+        engine=Engine(tmp_path, Work(0)),
+        images=by_pair(images),
+        qualities=[],
+        references={"plate": tuple(files)},
+        scores={"plate": tmp_path / "scored"},
+        meshes={},
+        facts={},
+    )
+    (tmp_path / "out").mkdir()
+    write(tmp_path / "out", outcome, "")
+    return tmp_path / "out"
 
 
 def floors(folder: Path, reference: str) -> list[str]:
@@ -81,41 +77,20 @@ def floors(folder: Path, reference: str) -> list[str]:
     return [row["value"] for row in rows if row["reference"] == reference]
 
 
-def known_of(folder: Path) -> tuple[np.ndarray, dict]:
-    """σ of the photographs' surface, and the facts of the plate's."""
-    with np.load(depth_path(folder, "plate", "photogrammetry")) as content:
-        facts = json.loads((folder / "result.json").read_text())["facts"]
-        return content["sigma_m"], facts["groundtruth_sigma_rms"]["plate"]
-
-
-def test_mesh_and_registration_reach_the_table_together(write_plate):
-    covariance = np.diag([0, 0, ALONG_Z_M, 0, 0, 0]) ** 2
-    folder, together_m = write_plate(SIGMA_M, covariance), np.hypot(SIGMA_M, ALONG_Z_M)
-    found = floors(folder, "photogrammetry")
+def test_mesh_and_registration_reach_the_table_together(written):
+    found, together_m = floors(written, "photogrammetry"), np.hypot(SIGMA_M, ALONG_Z_M)
     assert len(found) == 2  # a perfect radar on its own grid: the same floor
     for value in found:  # σ is float32 in a mesh
         expected_mm = 1e3 * np.sqrt(2 / np.pi) * together_m
         assert float(value) == pytest.approx(expected_mm, rel=1e-6)
-    sigma_m, facts = known_of(folder)
-    np.testing.assert_allclose(sigma_m, np.full((31, 31), together_m), rtol=1e-6)
+    assert floors(written, "truth") == ["0.0"] * 2  # exact whatever its file says
+    with np.load(depth_path(written, "plate", "photogrammetry")) as content:
+        np.testing.assert_allclose(content["sigma_m"], np.full((31, 31), together_m), rtol=1e-6)
+    facts = json.loads((written / "result.json").read_text())["facts"]["groundtruth_sigma_rms"]
     parts_m = {"mesh_mm": SIGMA_M, "registration_mm": ALONG_Z_M, "together_mm": together_m}
-    assert facts == pytest.approx({key: 1e3 * value for key, value in parts_m.items()}, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("mesh_m", "covariance", "unknown"),
-    [(np.nan, 1e-8 * np.eye(6), ["mesh"]), (SIGMA_M, None, ["registration"])],
-)
-def test_what_is_missing_is_named_and_no_floor_is_invented(
-    write_plate, mesh_m, covariance, unknown
-):
-    """And the truth is exact whatever its file says."""
-    folder = write_plate(mesh_m, covariance)
-    assert floors(folder, "photogrammetry") == [""] * 2
-    assert floors(folder, "truth") == ["0.0"] * 2
-    sigma_m, facts = known_of(folder)
-    assert np.isnan(sigma_m).all()
-    assert facts["unknown"] == unknown and facts["together_mm"] is None
+    assert facts["plate"] == pytest.approx(
+        {key: 1e3 * value for key, value in parts_m.items()}, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from handbench.bench.validation.capture_warnings import (
     method_warnings,
     step_warnings,
 )
-from handbench.bench.validation.checks import MAP, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, warnings_of
 from handbench.bench.validation.inspection import inspect
 from handbench.cli.main import main
 from handbench.groundtruth.mesh.surface import mesh, write_mesh
@@ -171,6 +171,7 @@ def test_missing_columns_scans_and_single_tones_have_a_sign(right):
     array = replace(CROSS, measured=np.arange(20)[:, None] % 2 * np.ones(20, int) > 0)
     columns = exact_capture(point_m, BANDS_HZ["few"], array=array)
     columns.samples[:, :, ::2] = 0
+    assert "200 of its 400 pairs" in str([*warnings_of(columns, CHANNELS)])
     one = replace(right, samples=right.samples[:, :1], frequencies_hz=TONES_HZ[:1])
     places_m = np.mgrid[-0.05:0.05:10j, -0.05:0.05:10j, 0:1].reshape(3, -1).T
     scan = exact_capture(point_m, tones_hz, array=AntennaPairs(places_m, places_m))

@@ -31,9 +31,7 @@ def test_every_field_comes_back(tmp_path, depth):
     ("name", "value", "place"),
     [
         ("x_m", np.arange(5.0), "(2, 5)"),
-        ("x_m", np.zeros(3), "x_m"),
         ("sigma_m", Z_M[:1], "(1, 3)"),
-        ("sigma_m", -Z_M, "-0.3"),
         ("wrapped", Z_M, "float64"),
         ("velocity_limit_m_s", -1.0, "-1"),
     ],
