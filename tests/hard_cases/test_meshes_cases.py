@@ -195,8 +195,13 @@ def test_points_on_their_own_surface_neither_hide_nor_shine_through(range_m, wit
     outward = points - [0, 0, range_m]
     lengths_m2 = np.linalg.norm(outward, axis=1) * np.linalg.norm(points, axis=1)
     cosine = -(outward * points).sum(axis=1) / lengths_m2
-    wrong = Rays(vertices, faces).in_sight(points, np.zeros(3)) != (cosine > 0)
+    rays = Rays(vertices, faces)
+    wrong = rays.in_sight(points, np.zeros(3)) != (cosine > 0)
     within(wrong[np.abs(cosine) > 0.1].sum(), 0, "points")
+    along, face = rays.first_hits(0 * points, points)
+    first = np.flatnonzero(cosine > 0.1)
+    np.testing.assert_allclose(along[first], 1, rtol=1e-5)  # single precision
+    np.testing.assert_array_equal(face[first], first)
 
 
 def test_a_scene_beyond_single_precision_has_no_shadow():
