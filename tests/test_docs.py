@@ -44,8 +44,8 @@ def blocks(page: Path, language: str) -> list[str]:
 def test_commands_are_known(page):
     """Lines to type, scripts, modules and targets of the Makefile."""
     text, typed = page.read_text("utf-8"), "".join(blocks(page, ""))
-    for line in typed.splitlines():
-        if line.startswith("handbench ") and not re.search(r"[\[\]…]", line):
+    for line in [*typed.splitlines(), *re.findall("`(handbench [^`]* -o [^`]*)`", text)]:
+        if line.startswith("handbench "):
             main.parser().parse_args(shlex.split(line, comments=True)[1:])
     for module in re.findall(r"python -m ((?:handbench|tests|docs)[\w.]*)", text):
         assert importlib.util.find_spec(module.rstrip(".")), module
