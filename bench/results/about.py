@@ -137,5 +137,6 @@ class About(Config):
 def read_about(path: Path) -> About:
     """Read and check result.json. Raises HandbenchError for another schema_version or wrong
     content."""
-    content = read_json(path, "a benchmark's result", RESULT_VALUES, RESULT_BYTES)
+    what = "a benchmark's result, which a run writes at its end (`handbench run` resumes it)"
+    content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
     return parse(About, content, str(path))

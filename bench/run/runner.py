@@ -22,6 +22,7 @@ from handbench.bench.results.result_folder import Result, load
 from handbench.bench.run.captures import Opened, RunCapture, open_captures, open_targets
 from handbench.bench.run.engine import Chain, Engine, executor, process_count
 from handbench.bench.run.write_result import (
+    CONFIG,
     Imaged,
     RunOutcome,
     Surface,
@@ -44,7 +45,7 @@ from handbench.radar.imaging.boxes import gather
 from handbench.radar.imaging.device import current_device
 from handbench.support.compiled import announce
 from handbench.support.errors import HandbenchError
-from handbench.support.files import read_json
+from handbench.support.files import read_json, write_text
 from handbench.support.progress import counted
 from handbench.support.store import Input, Stage, locked, read_sources
 
@@ -70,7 +71,7 @@ def run(
     base = base.resolve()
     read_sources()
     with locked(folder) as work, counted(0) as progress:
-        _require_same(folder, config, overwrite)
+        _require_same(folder, work / CONFIG, config, overwrite)
         announce(gather)  # the processes say nothing
         engine = Engine(work.resolve(), progress)
         opened, targets = open_captures(engine, bench, base), open_targets(bench, base)
@@ -127,12 +128,15 @@ def stage_counts(
     return shared, timed
 
 
-def _require_same(folder: Path, config: str, overwrite: bool) -> None:
-    """Raise a HandbenchError if the folder has the results of another configuration and `overwrite`
-    is false.
-    config: the text of this run's config.toml."""
-    before = folder / "config.toml"
-    if before.exists() and before.read_text("utf-8", "replace") != config and not overwrite:
+def _require_same(folder: Path, allowed: Path, config: str, overwrite: bool) -> None:
+    """Raise a HandbenchError if the folder has the results of another configuration, and neither
+    `overwrite` nor that of an earlier, interrupted run of this configuration allows to replace it.
+    config: the text of this run's config.toml; allowed: the file that remembers it."""
+    before = folder / CONFIG
+    if overwrite:
+        write_text(allowed, config)
+    known = [file.read_text("utf-8", "replace") for file in (before, allowed) if file.exists()]
+    if before.exists() and config not in known:
         raise HandbenchError(
             f"{folder}: has the results of another configuration; choose another folder, or "
             "replace them (--overwrite, in Python overwrite=True), which keeps finished stages"

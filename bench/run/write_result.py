@@ -45,9 +45,10 @@ from handbench.support.progress import say
 from handbench.support.store import Input, Stage, drop, versions
 
 PHOTO_PX = 600
+CONFIG = "config.toml"
 FILES = (
     "result.json",
-    "config.toml",
+    CONFIG,
     "errors",
     "depth",
     "frames",
@@ -102,7 +103,7 @@ def write(folder: Path, outcome: RunOutcome, config: str) -> None:
             _copy(outcome.scores[capture.name] / at, folder / at)
         if capture.name in outcome.meshes:
             write_photo(folder, capture.name, outcome.meshes[capture.name] / VIEW)
-    write_text(folder / "config.toml", config)
+    write_text(folder / CONFIG, config)
     captures = capture_facts(outcome, subset.all_captures)
     text = subset.text
     if few := few_pixels(scores, [c for c in captures if "accuracy" in c.measures]):

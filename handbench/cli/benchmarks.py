@@ -28,6 +28,16 @@ def run(options: argparse.Namespace) -> None:
     command = f"handbench run {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
     show_result(result, options.out)
+    _require_all(result)
+
+
+def _require_all(result: Result) -> None:
+    """Raise a HandbenchError that names the stages that failed, if any: exit code 1."""
+    if failures := result.about.failures:
+        failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
+        error = HandbenchError(shorten(f"{len(failures)} failed: {failed}", 200, placeholder=" …"))
+        error.code = 1
+        raise error
 
 
 def show_result(result: Result, out: Path) -> None:
@@ -45,9 +55,6 @@ def show_result(result: Result, out: Path) -> None:
     else:
         terminal(figures(result, main_lines(result, chosen("summary"))), f"{out}/table.csv")
     notes(*limits(result))
-    if failures := result.about.failures:
-        failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
-        print_lines(shorten(f"failed: {failed}", 80, placeholder=" …"))
     notes(f"all figures: {out}/table.csv", f"report: handbench report {out} -o REPORT")
 
 
@@ -80,6 +87,7 @@ def tradeoff(options: argparse.Namespace) -> None:
             raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
         name = chosen(ranked_methods(result)[HEADLINE], options.max_mae, options.max_time)
         print_lines(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
+    _require_all(result)
 
 
 def report(options: argparse.Namespace) -> None:

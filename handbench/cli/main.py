@@ -21,7 +21,8 @@ STREAMS = {"stdin": "r", "stdout": "w", "stderr": "w"}  # by their numbers 0, 1,
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command of the command line, and return the exit code.
-    A known error prints one line on stderr and gives 2; an unknown one keeps its traceback.
+    A known error prints one line on stderr and gives 2 (1: after a result of which stages failed);
+    an unknown one keeps its traceback.
     arguments: the words after "handbench"; None: those with which this process was started."""
     _prepare()
     try:
@@ -54,7 +55,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except BrokenPipeError:
         return 141  # the reader went away; so do we
     except HandbenchError as error:
-        message = str(error)
+        message, code = str(error), error.code
     except KeyboardInterrupt as error:
         code = 128 + (error.args or (signal.SIGINT,))[0]
         message = "interrupted; no file is half-written; `run` and `groundtruth` resume"

@@ -23,7 +23,9 @@ class HandbenchError(Exception):
     traceback.
 
     problems: the same, with a line for each problem; the message may name only the first ones.
-    Sentences of parsers in them become plain ones (PLAIN)."""
+    Sentences of parsers in them become plain ones (PLAIN). code: of the command's exit."""
+
+    code = 2
 
     def __init__(self, message: str, problems: Sequence[str] = ()) -> None:
         super().__init__(_plain(message))

@@ -11,7 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.results.result_folder import load
+from handbench.bench.run import runner
 from handbench.calibration.transforms import Transform
+from handbench.cli.main import main
 from handbench.groundtruth.mesh.surface import read_mesh, write_mesh
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from tests.bench.run.faults import execute, figures
@@ -36,8 +38,9 @@ def test_the_result_folder_is_complete_and_says_how_it_came_about(small_result):
 
 
 def test_what_is_the_same_is_taken_from_before_and_nothing_else_is(
-    small_bench, small_result, tmp_path
+    small_bench, small_result, tmp_path, monkeypatch
 ):
+    """What may be overwritten once may be, although the run is interrupted."""
     out = tmp_path / "out"
     shutil.copytree(small_result, out)
     before = (out / "table.csv").read_text()
@@ -47,7 +50,10 @@ def test_what_is_the_same_is_taken_from_before_and_nothing_else_is(
     small_bench.write_text(bench.replace("seed = 1", "seed = 2"))
     refuse(lambda: execute(small_bench, out), str(out), "overwrite=True")
     assert (out / "table.csv").read_text() == before
-    execute(small_bench, out, overwrite=True)
+    with monkeypatch.context() as patch, pytest.raises(ZeroDivisionError):
+        patch.setattr(runner, "write", lambda *_: 1 / 0)
+        execute(small_bench, out, overwrite=True)
+    execute(small_bench, out)
     assert "seed = 2" in (out / "config.toml").read_text()
     small_bench.write_text(bench)
     scene = small_bench.parent / "ball.toml"
@@ -85,6 +91,8 @@ def test_what_one_method_cannot_do_is_left_out_for_all_and_reported(
     what = failure.capture, failure.method, failure.stage
     assert what == ("other", "narrowband", "reconstruct")
     assert failure.line in capsys.readouterr().err.splitlines()
+    assert main(["run", str(small_bench), "-o", str(tmp_path / "out")]) == 1
+    assert "other narrowband" in capsys.readouterr().err.splitlines()[-1]
     assert result.about.protocol["basis"].startswith("1 of 2 captures")
     assert figures(tmp_path / "out") == figures(small_result)
     assert {c.name for c in result.about.captures} == set(result.repeats.capture) == {"ball"}
