@@ -58,7 +58,7 @@ def note(captures: int) -> str:
     """Return a sentence that says on how many captures the intervals are based, or that there are
     too few for intervals."""
     if captures < FEWEST:
-        return f"{counted(captures)}: no intervals, which need at least {FEWEST} captures"
+        return f"{counted(captures)}: no tests or intervals of errors, which need {FEWEST} captures"
     return f"{counted(captures)}: the intervals are those of the mean over captures like these"
 
 
@@ -66,8 +66,8 @@ def precision_mm(strongest_z_m: Sequence[np.ndarray]) -> float | None:
     """Compute the precision, mm: the standard deviation over the repeats, averaged over the hands.
     strongest_z_m: for each hand, the depth of its strongest scatterer in every repeat [n_repeats],
     metres. None if a hand has fewer than two usable repeats."""
-    hands = usable_repeats(strongest_z_m)
-    return float(1e3 * np.mean([deviation(z) for z in hands])) if hands else None
+    spread = mean_deviation(strongest_z_m)
+    return spread[0] if spread else None
 
 
 def relative_precision_percent(strongest_z_m: Sequence[np.ndarray]) -> float | None:

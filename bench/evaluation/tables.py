@@ -188,14 +188,10 @@ def _typed(cells: pd.Series, kind: type) -> pd.Series:
 
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table to a CSV file with a header line, atomically. Values that are not finite become
-    empty cells; numbers of pixels in TABLE are written as whole ones."""
+    empty cells."""
     cells = conform(table, schema).replace([np.inf, -np.inf], np.nan)
     for name, kind in schema.items():
         if kind is bool:
             cells[name] = cells[name].astype(int)
-    if schema is TABLE:
-        whole = cells.value.notna() & (cells.unit == "pixels")
-        pixels = cells.value[whole].astype(int).astype(object)
-        cells["value"] = cells.value.astype(object).mask(whole, pixels)
     with atomic_path(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n")

@@ -135,14 +135,12 @@ class Result:
         capture has a single frame, or the method no velocities."""
         return read_frames(self.folder, capture, method)
 
-    def busy(self) -> dict[str, float]:
-        """Return the methods whose times other work on the machine disturbed: method → mean number
-        of cores that this work took.
-        Methods with less than 0.25 cores (BUSY) are left out."""
+    def busy(self) -> bool:
+        """Tell whether other work on the machine disturbed the times of a method: whether it took
+        0.25 cores (BUSY) or more in the mean."""
         tasks = self.tasks[(self.tasks.method != "") & self.tasks.others_cores.notna()]
         sums = tasks.assign(taken_s=tasks.others_cores * tasks.seconds).groupby("method")
-        cores = sums.taken_s.sum() / sums.seconds.sum()
-        return cores[cores >= BUSY].to_dict()
+        return bool((sums.taken_s.sum() / sums.seconds.sum() >= BUSY).any())
 
     def photo(self, capture: str) -> Path | None:
         """Return the path of the capture's photograph; None if it has none."""

@@ -10,8 +10,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
-from handbench.bench.evaluation.metrics import HEADLINE
-from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.bench.results.about import CaptureFacts
 from handbench.bench.results.maps import Frames, SurfaceMap
 from handbench.bench.results.result_folder import Result
@@ -34,7 +32,6 @@ from handbench.reports.figures.style import (
     styled,
     time_text,
 )
-from handbench.reports.tables.rounding import figure as rounded
 from handbench.reports.tables.table import against
 
 COLOURS = f"{SIGNED}. Line: outline of the reference."
@@ -68,9 +65,7 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
         truth = result.surface(capture.name, reference)
         maps.insert(0, ("ground truth", truth))
         errors = _errors(result, capture, reference)
-        below = (
-            f"; below them their errors {against(result, reference)}: {COLOURS}{floor_note(result)}"
-        )
+        below = f"; below them their errors {against(result, reference)}: {COLOURS}"
     photo = result.photo(capture.name)
     titles = ", ".join(title for title, _ in maps) + ", photograph" * bool(photo)
     return Picture(
@@ -87,26 +82,10 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     errors = _errors(result, capture, reference)
     return Picture(
         f"error_{capture.name}__{reference}",
-        f"Capture {capture.name}: signed errors {against(result, reference)}: {COLOURS}"
-        f"{floor_note(result)}",
+        f"Capture {capture.name}: signed errors {against(result, reference)}: {COLOURS}",
         f"Error maps of capture {capture.name} {against(result, reference)}. {_text(errors)}",
         sheet([errors]),
     )
-
-
-def floor_note(result: Result) -> str:
-    """Return a sentence on the ground-truth floor for the captions of error maps. The floor is the
-    mean error that a perfect radar would show, because the reference itself has errors.
-    For each reference surface it gives the largest floor of all methods, mm. The sentence begins
-    with a blank; "" if no floor is above zero."""
-    floors = result.table[result.table.metric == "floor_mm"].groupby("reference").value.max()
-    texts = [
-        f"{rounded(floors[reference], unit='mm')} mm against {reference}"
-        for reference in REFERENCES
-        if floors.get(reference, 0.0) > 0
-    ]
-    floor = f"Ground-truth floor, the {result.title(HEADLINE)} of a perfect radar"
-    return f" {floor}: {', '.join(texts)}." if texts else ""
 
 
 def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:

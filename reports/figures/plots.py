@@ -39,17 +39,15 @@ def plot(result: Result, kind: str) -> Figure:
     """Draw one figure of a result, as wide as a column of a paper.
     kind: a name in KINDS. Raises HandbenchError for an unknown kind, and for a result without the
     data of this figure."""
-    if kind not in KINDS:
-        hint = suggest(kind, list(KINDS))
-        raise HandbenchError(f"plot: unknown kind '{kind}'; {hint} (known: {', '.join(KINDS)})")
-    has_data, needs, picture = KINDS[kind]
-    if not has_data(result):
+    drawn = {name: picture for name, (has_data, _, picture) in KINDS.items() if has_data(result)}
+    if kind not in drawn:
+        why = f"it draws {KINDS[kind][1]}" if kind in KINDS else suggest(kind, list(KINDS))
         raise HandbenchError(
-            f"{result.folder}: has no {needs}, which '{kind}' draws; choose another kind "
-            f"({', '.join(KINDS)})"
+            f"plot: '{kind}' is no figure of {result.folder} ({why}); choose from "
+            f"{', '.join(drawn)}"
         )
     with styled(COLUMN):
-        return picture(result).figure
+        return drawn[kind](result).figure
 
 
 def overview(result: Result) -> Iterator[Picture]:

@@ -74,7 +74,7 @@ COLOURS = (  # Okabe and Ito's with grey for black, then Tol's muted ones; for l
     "#8a63d2",
     "#c0565b",
 )
-MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*")
+MARKERS: tuple[MarkerType, ...] = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "*", "h")
 FORMATS = (".png", ".pdf", ".svg")
 DRAWN = ("photogrammetry", "truth")  # references; the completed one is drawn in these two
 
@@ -126,9 +126,8 @@ def drawn_methods(titles: Mapping[str, str]) -> list[DrawnMethod]:
     titles: method → title."""
     drawn = []
     for i, (name, title) in enumerate(titles.items()):
-        turn, place = divmod(i, len(COLOURS))
-        marker = MARKERS[(place + turn) % len(MARKERS)]
-        drawn.append(DrawnMethod(name, title, COLOURS[place], marker))
+        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
+        drawn.append(DrawnMethod(name, title, colour, marker))
     return drawn
 
 

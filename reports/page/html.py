@@ -85,10 +85,10 @@ def build(folder: str | Path, out: str | Path) -> Path:
     main, every = summary.main_table(result), every_figure(result)
     compared = not result.comparisons.empty
     tests = [differences(result, main) for main in (True, False) if compared]
-    for stem, tables in (("table", every), ("comparisons", tests)):
+    for stem, tables, for_paper in (("table", every, every), ("comparisons", tests, tests[:1])):
         if tables:
             write_text(out / f"{stem}.md", "\n".join(map(markdown, tables)))
-            write_text(out / f"{stem}.tex", latex(f"tab:{stem}", *tables))
+            write_text(out / f"{stem}.tex", latex(f"tab:{stem}", *for_paper))
     write_text(
         out / "column.tex", latex("tab:column", of_paper(result) or main, width_pt=COLUMN_PT)
     )
@@ -96,8 +96,13 @@ def build(folder: str | Path, out: str | Path) -> Path:
     for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
         old.unlink()
     pages = by_page(result.scored())
-    shared = {"about": result.about, "pages": pages, "methods": methods(result)}
-    shared |= {"shown": main_method(result), "scales": scene3d.scales()}
+    shared = {
+        "about": result.about,
+        "pages": pages,
+        "methods": methods(result),
+        "shown": main_method(result),
+        "scales": scene3d.scales(),
+    }
     with closing(_drawn(result, out / "figures")) as captures:
         first = list(islice(captures, len(pages[FIRST])))
         for path in list(pages)[1:]:
@@ -171,7 +176,7 @@ def by_page(captures: Sequence[CaptureFacts]) -> dict[str, Sequence[CaptureFacts
 def main_method(result: Result) -> str:
     """Return the method that a page shows first: the paper's own, else the first one; "" without
     methods."""
-    names = [method.name for method in methods(result)]
+    names = result.about.method_titles
     return "3fsk" if "3fsk" in names else next(iter(names), "")
 
 

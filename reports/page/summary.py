@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 from markupsafe import Markup
 
-from handbench.bench.evaluation.intervals import counted
+from handbench.bench.evaluation.intervals import FEWEST, note
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.evaluation.tables import each
 from handbench.bench.results.about import CaptureFacts, MethodFacts
@@ -88,10 +88,10 @@ def limits(result: Result) -> list[str]:
             unit = lines.unit.iloc[0]
             ends = (figure(end, unit=unit) for end in lines.value.agg(["min", "max"]))
             texts.append(f"{result.title(metric)} {'–'.join(dict.fromkeys(ends))} {unit}")
-    if result.comparisons.p_corrected.isna().all():
-        texts.append(f"{counted(len(result.scored()))}: no tests")
+    if (count := len(result.scored())) < FEWEST:
+        texts.append(note(count))
     if result.busy():
-        texts.append("machine busy: times too long")
+        texts.append("other programs ran: times are too long")
     return texts
 
 
@@ -123,5 +123,4 @@ def capture_table(result: Result, capture: CaptureFacts) -> Table | None:
         return None
     units = {key: metric.unit for key, metric in result.about.metrics.items()}
     lines = lines.assign(low=math.nan, high=math.nan, unit=lines.metric.map(units))
-    table = figures(result, lines)  # whose stars are of the tests on all captures
-    return replace(table, texts=table.texts.replace("^★ ", "", regex=True))
+    return figures(result, lines, stars=False)  # the tests are on all captures

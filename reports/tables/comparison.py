@@ -17,7 +17,7 @@ from handbench.reports.tables.writers import escaped, latex, markdown, terminal
 from handbench.support.config import suggest
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, write_json, write_text
-from handbench.support.progress import print_lines
+from handbench.support.progress import print_lines, print_wrapped
 
 WRITTEN = tuple(f"compare.{kind}" for kind in ("json", "csv", "md", "tex"))
 NOTE = (
@@ -35,11 +35,13 @@ def show(compared: Compared, metrics: Sequence[str] = (), methods: Sequence[str]
     all) against the first reference. Raises HandbenchError for a metric or a method that was not
     compared."""
     differences = compared.differences
-    tested, better = differences.p_corrected.count(), (differences.better != "").sum()
+    tested = differences.metric_title[differences.p_corrected.notna()]
+    of_metrics = f", of {', '.join(tested.unique())}" if len(tested) else ""
+    print_lines(f"A: {compared.a.folder}", f"B: {compared.b.folder}")
+    print_wrapped(compared.basis, "")
     print_lines(
-        f"A: {compared.a.folder}",
-        f"B: {compared.b.folder}",
-        f"tested differences: {tested}, shown (*): {better}",
+        f"tested differences: {len(tested)}{of_metrics}",
+        f"shown differences (*): {(differences.better != '').sum()}",
         f"other settings, versions and inputs: {len(compared.changes)}",
         "",
     )

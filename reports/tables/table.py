@@ -29,6 +29,7 @@ AGAINST = {
     "completed": "against photogrammetry, completed by the true surface",
     "truth": "against the true surface",
 }
+STARS = "; ★: best, or not shown to be worse"
 PAIRS = (  # the main ones
     {"3fsk", "2fsk"},
     {"3fsk", "broadband"},
@@ -38,22 +39,25 @@ PAIRS = (  # the main ones
 
 
 def note(result: Result) -> str:
-    """Return a note on how the figures of a result's tables are formed, and on their small print
-    and stars."""
+    """Return a note on how the figures of a result's tables are formed, and on their small
+    print."""
     papers = " and the paper's figure" if result.table.paper.notna().any() else ""
     return (
         "Each figure is formed for each capture and then averaged, but for the pooled ones. Small "
-        f"print: its 95 % confidence interval{papers}. ★: the best figure and all that are not "
-        "shown to be worse (paired test on the same captures)."
+        f"print: its 95 % confidence interval{papers}."
     )
 
 
 def against(result: Result, reference: str) -> str:
-    """Return against what the figures of a reference are, such as "against the true surface"; ""
-    for no reference."""
+    """Return against what the figures of a reference are, such as "against the true surface", and
+    on how many captures the reference was fitted to depth maps; "" for no reference."""
     captures = [capture for capture in result.about.captures if reference in capture.references]
     own = reference == "photogrammetry" and any(capture.own_mesh for capture in captures)
-    return "against mesh.ply" if own else AGAINST.get(reference, "")
+    text = "against mesh.ply" if own else AGAINST.get(reference, "")
+    fitted = result.about.facts.get("refined_transforms", ())
+    if reference != "truth" and (count := sum(capture.name in fitted for capture in captures)):
+        text += f", fitted to the depth maps of {counted(count)}"
+    return text
 
 
 @dataclass(frozen=True)
@@ -91,12 +95,14 @@ def main_lines(result: Result, metrics: Iterable[str] = METRICS) -> pd.DataFrame
     return lines[lines.metric.isin(list(metrics))]
 
 
-def figures(result: Result, lines: pd.DataFrame) -> Table:
+def figures(result: Result, lines: pd.DataFrame, stars: bool = True) -> Table:
     """Return figures as a table with a row for each method and a column for each metric and
     treatment. Below a figure are its interval and the paper's figure. A star marks the best of
     the tested figures and all that are not shown to be worse, unless all are.
-    lines: of the result's table or of `Result.equal`, each metric against one reference."""
+    lines: of the result's table or of `Result.equal`, each metric against one reference. stars:
+    False for figures that were not tested."""
     texts: dict[str, dict[str, str]] = {}
+    starred: list[str] = []
     lines = lines.dropna(subset="value")
     treatments = lines.get("treatment", pd.Series("", lines.index)).fillna("")
     metrics = pd.Categorical(lines.metric, list(METRICS))
@@ -108,13 +114,16 @@ def figures(result: Result, lines: pd.DataFrame) -> Table:
         heading = f"{result.title(metric)}{words} ({of_metric.unit.iloc[0]})"
         tests = result.compared(metric, of_metric.reference.iloc[0], treatment)
         names = best(tests)
-        stars = dict.fromkeys(() if tests.worse.isin(names).all() else names, "★ ")
+        if not stars or tests.worse.isin(names).all():
+            names = []
+        starred += names
         texts[heading] = {
-            line.method: stars.get(line.method, "") + _cell(line) for line in each(of_metric)
+            line.method: "★ " * (line.method in names) + _cell(line) for line in each(of_metric)
         }
     titles = pd.DataFrame(texts).fillna(NONE).rename(result.about.method_titles)
     caption = against(result, next(iter(lines.reference), ""))
-    return Table(caption[:1].upper() + caption[1:], titles.rename_axis("method"))
+    caption = caption[:1].upper() + caption[1:] + STARS * bool(starred)
+    return Table(caption, titles.rename_axis("method"))
 
 
 def _cell(line: Any) -> str:
@@ -178,17 +187,18 @@ def best_of_ours(result: Result, count: int) -> Table | None:
     unbeaten = ranked(measured)[~theirs].query("on_front")
     names = unbeaten.nsmallest(count, "error").index
     shown = lines[lines.metric.isin(chosen("summary")) & lines.method.isin(names)]
-    return Table("", figures(result, shown).texts.rename_axis("our best")) if len(names) else None
+    table = figures(result, shown, stars=False)
+    return Table("", table.texts.rename_axis("our best")) if len(names) else None
 
 
 def differences(result: Result, main: bool = False) -> Table:
     """Return the tested differences between methods in words, with p-value and effect size.
-    main: only those between the main pairs (PAIRS) under equal treatment."""
+    main: only those between the main pairs (PAIRS) under equal treatment; all if there are none."""
     lines = result.comparisons
     if main:
-        lines = lines[lines.treatment != ""]
         of_pairs = [{line.better, line.worse} in PAIRS for line in each(lines)]
-        lines = lines[np.array(of_pairs, bool)]
+        shown = np.array(of_pairs) & (lines.treatment != "")
+        lines = lines[shown] if shown.any() else lines
     texts = {
         "against": lines.reference,
         "p": lines.p_corrected.map(p_text),

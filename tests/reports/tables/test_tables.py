@@ -52,14 +52,17 @@ def test_without_a_test_no_figure_has_a_star_and_without_the_papers_no_table():
     assert tables.of_paper(replace(result, table=result.table.assign(paper=float("nan")))) is None
 
 
-def test_a_mesh_of_the_captures_own_is_named_and_its_uncertainty_may_be_unknown():
+def test_a_mesh_of_the_captures_own_and_its_fit_are_named_and_its_uncertainty_may_be_unknown():
     result = load(RESULT)
     captures = tuple(c.model_copy(update={"own_mesh": True}) for c in result.about.captures)
     budget = {"mesh_mm": None, "registration_mm": 0.1, "together_mm": None, "unknown": ["mesh"]}
     facts = {"groundtruth_sigma_rms": {captures[0].name: budget}}
+    facts["refined_transforms"] = {captures[0].name: "by its depth map"}
     about = result.about.model_copy(update={"captures": captures, "facts": facts})
     result = replace(result, about=about)
-    assert summary.main_table(result).caption == "Against mesh.ply"
+    assert summary.main_table(result).caption == (
+        "Against mesh.ply, fitted to the depth maps of 1 capture"
+    )
     [sigmas, *_] = sections.uncertainty(result)
     assert sigmas.texts.to_numpy().tolist() == [["–", "0.10", "–"]]
 
