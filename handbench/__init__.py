@@ -66,13 +66,8 @@ __all__ = [
     "simulate",
     "stream",
 ]
-DEFINED_IN = {  # the modules of the names that handbench/interface.py does not define
-    "DepthMap": "handbench.radar.data.depthmap",
-    "HandbenchError": "handbench.support.errors",
-    "RadarCapture": "handbench.radar.data.capture",
+DEFINED_IN = {  # the modules of the names that handbench/interface.py does not have
     "Result": "handbench.bench.results.result_folder",
-    "Surface": "handbench.groundtruth.mesh.surface",
-    "Transform": "handbench.calibration.transforms",
     "operator": "handbench.radar.simulation.forward",
 }
 

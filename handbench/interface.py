@@ -184,9 +184,11 @@ def stream(
 
 def _within(usual: Config, settings: dict[str, Any]) -> dict[str, Any]:
     """Complete settings of axes, as z={"step_m": 0.002}, by the `usual` ends and steps."""
-    axes = {key: value for key, value in usual.model_dump().items() if isinstance(value, dict)}
+    known = usual.model_dump()
     return {
-        key: {**axes[key], **value} if key in axes and isinstance(value, dict) else value
+        key: known[key] | value
+        if isinstance(value, dict) and isinstance(known.get(key), dict)
+        else value
         for key, value in settings.items()
     }
 
@@ -322,8 +324,8 @@ class Depth(Delegating, Plottable):
                 "mesh: is missing, and no capture with a mesh is given; pass the path of a mesh "
                 "file"
             )
-        if transform is None or isinstance(transform, str | Path):
-            transform = load_any_transform(None if transform is None else Path(transform))
+        if not isinstance(transform, Transform):
+            transform = load_any_transform(Path(transform) if transform else None)
         reference = score.reference_of_surface(
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )

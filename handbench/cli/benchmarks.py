@@ -1,27 +1,28 @@
 """`handbench run`, `tradeoff`, `report` and `compare`: the results of benchmarks, and what they
 say."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING
 
+from handbench.bench.benchmarks.benchmark_file import load_benchmark, load_tradeoff
+from handbench.bench.evaluation import front
+from handbench.bench.evaluation.metrics import HEADLINE, chosen
+from handbench.bench.results.compare_results import compare_results
+from handbench.bench.results.result_folder import Result, load
 from handbench.cli.options import free_folder
+from handbench.reports.tables.comparison import WRITTEN, show, write
+from handbench.reports.tables.table import best_of_ours, figures, main_lines, of_paper, settings
+from handbench.reports.tables.writers import notes, terminal
 from handbench.support.errors import HandbenchError
 from handbench.support.progress import print_json, print_lines
-
-if TYPE_CHECKING:
-    from handbench.bench.results.result_folder import Result
 
 SHOWN = 3  # of our best methods
 
 
 def run(options: argparse.Namespace) -> None:
     """Run a benchmark, or resume an interrupted run, and print the main figures at the end."""
-    from handbench.bench.benchmarks.benchmark_file import load_benchmark
     from handbench.bench.run import runner
 
     bench, base = load_benchmark(options.bench, options.only)
@@ -43,10 +44,7 @@ def _require_all(result: Result) -> None:
 def show_result(result: Result, out: Path) -> None:
     """Print the table of the paper and our best methods or, without figures of a paper, a row for
     each method; then what limits the figures, and where all of them are."""
-    from handbench.bench.evaluation.metrics import chosen
-    from handbench.reports.page.summary import limits
-    from handbench.reports.tables.table import best_of_ours, figures, main_lines, of_paper
-    from handbench.reports.tables.writers import notes, terminal
+    from handbench.reports.page.summary import limits  # imports matplotlib
 
     if paper := of_paper(result):
         terminal(paper)
@@ -63,29 +61,25 @@ def tradeoff(options: argparse.Namespace) -> None:
     each method, and write its picture and the report.
     --max-mae and --max-time ask for one setting within these limits. If there is none,
     HandbenchError is raised after everything is written."""
-    from handbench.bench.benchmarks.benchmark_file import load_tradeoff
-    from handbench.bench.evaluation.front import chosen
-    from handbench.bench.evaluation.metrics import HEADLINE
     from handbench.bench.run import runner
     from handbench.reports.figures.fronts import pictures, ranked_methods
     from handbench.reports.figures.style import save
     from handbench.reports.page.html import build
-    from handbench.reports.tables.table import settings
-    from handbench.reports.tables.writers import terminal
 
     bench, base = load_tradeoff(options.bench, options.only)
     command = f"handbench tradeoff {options.bench} -o DIR"
     result = runner.run(bench, base, options.out, options.overwrite, command=command)
-    for metric, ranked in ranked_methods(result).items():
+    methods = ranked_methods(result)
+    for metric, ranked in methods.items():
         best = ranked[ranked.on_front | ranked.on_own_front]
         terminal(settings(result, metric, best, {}), f"{options.out}/report")
     for picture in pictures(result):
         save(picture.figure, options.out / f"{picture.stem}.png")
     print_lines(f"report: {build(options.out, options.out / 'report')}")
     if min(options.max_mae, options.max_time) < math.inf:
-        if HEADLINE not in ranked_methods(result):
+        if HEADLINE not in methods:
             raise HandbenchError(f"{options.out}: no method has an error and a time to choose by")
-        name = chosen(ranked_methods(result)[HEADLINE], options.max_mae, options.max_time)
+        name = front.chosen(methods[HEADLINE], options.max_mae, options.max_time)
         print_lines(f"{name}: handbench tradeoff {options.bench} --only {name} -o AGAIN")
     _require_all(result)
 
@@ -106,10 +100,6 @@ def report(options: argparse.Namespace) -> None:
 def compare(options: argparse.Namespace) -> None:
     """Compare two result folders and print the differences, as tables or as JSON; with -o, also
     write them into a folder."""
-    from handbench.bench.results.compare_results import compare_results
-    from handbench.bench.results.result_folder import load
-    from handbench.reports.tables.comparison import WRITTEN, show, write
-
     if options.out is not None:
         free_folder(options.out, options.overwrite, WRITTEN)
     compared = compare_results(load(options.a), load(options.b))

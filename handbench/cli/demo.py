@@ -23,6 +23,7 @@ def demo(options: argparse.Namespace) -> None:
     Prints errors and seconds per frame. If the folder has an earlier demo of this version, its
     capture is used again."""
     from handbench.bench.run.engine import executor
+    from handbench.bench.stages.image import image_point
     from handbench.interface import simulate
 
     folder: Path = options.out
@@ -33,18 +34,12 @@ def demo(options: argparse.Namespace) -> None:
         with executor(1) as process:  # it has all cores, which it needs longer than this one
             assert process is not None
             simulated = process.submit(simulate, folder / SCENE, capture)
-            _rehearse()
+            import handbench.reports.figures.depth_maps  # noqa: F401  which needs no echoes
+
+            for id in METHODS:  # plan the images and compile the kernels
+                image_point(id, {"tolerance": TOLERANCE})
             simulated.result()
     _image_and_score(folder)
-
-
-def _rehearse() -> None:
-    """Do what needs no echoes: plan the images, compile kernels, and import what draws."""
-    import handbench.reports.figures.depth_maps  # noqa: F401
-    from handbench.bench.stages.image import image_point
-
-    for id in METHODS:
-        image_point(id, {"tolerance": TOLERANCE})
 
 
 def _image_and_score(folder: Path) -> None:

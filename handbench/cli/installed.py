@@ -4,7 +4,7 @@ that are installed, and the parts of this machine."""
 import argparse
 import shutil
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +23,6 @@ from handbench.support.progress import print_lines, print_wrapped
 from handbench.support.rays import load_open3d
 from handbench.support.store import versions
 
-SECTIONS = ("methods", "metrics", "benchmarks", "effects", "datasets", "poses")
 TERM = 26  # characters before the meaning of a term, which follows a longer one
 
 
@@ -38,8 +37,9 @@ class Entry(NamedTuple):
 def list_entries(options: argparse.Namespace) -> None:
     """Print a line for each entry of all sections or of one, or one entry in full. Raises
     HandbenchError for an entry that the section does not have."""
-    for section in [options.section] if options.section else SECTIONS:
-        entries = {entry.name: entry for entry in _entries(section)}
+    sections = _sections()
+    for section in [options.section] if options.section else sections:
+        entries = {entry.name: entry for entry in sections[section]}
         if options.name is None:
             _print_lines(section, entries.values())
         elif options.name in entries:
@@ -66,36 +66,35 @@ def _print_in_full(entry: Entry) -> None:
         print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
 
 
-def _entries(section: str) -> Iterator[Entry]:
-    if section == "methods":
-        yield from map(_method, METHODS.values())
-    elif section == "metrics":
-        for key, definition in definitions().items():
-            title, unit = METRICS[key].title, METRICS[key].unit
-            yield Entry(key, f"{title} ({unit})", {"definition": definition})
-    elif section == "benchmarks":
-        for name, file in embedded_benchmarks().items():
-            summary = file.read_text("utf-8").partition("\n")[0].removeprefix("# ")
-            yield Entry(name, summary, _contents(file))
-    elif section == "effects":
-        for effect in EFFECTS:
-            yield Entry(effect.id, effect.does, {"source": effect.source})
-    elif section == "datasets":
-        for name, reader in (FOREIGN | IMPORTERS).items():
-            summary = " ".join((reader.__doc__ or "").split()).partition(". ")[0]
-            yield Entry(name, summary)
-    else:
-        yield Entry("letters", " ".join(POSES))
+def _sections() -> dict[str, list[Entry]]:
+    """Return the sections of the list, by their names on the command line."""
+    metrics = ((METRICS[key], definition) for key, definition in definitions().items())
+    readers = FOREIGN | IMPORTERS
+    return {
+        "methods": [_method(method) for method in METHODS.values()],
+        "metrics": [
+            Entry(metric.key, f"{metric.title} ({metric.unit})", {"definition": definition})
+            for metric, definition in metrics
+        ],
+        "benchmarks": [_benchmark(name, file) for name, file in embedded_benchmarks().items()],
+        "effects": [Entry(effect.id, effect.does, {"source": effect.source}) for effect in EFFECTS],
+        "datasets": [
+            Entry(name, " ".join((reader.__doc__ or "").split()).partition(". ")[0])
+            for name, reader in readers.items()
+        ],
+        "poses": [Entry("letters", " ".join(POSES))],
+    }
 
 
-def _contents(file: Path) -> dict[str, str]:
-    """Return what a benchmark file holds: its captures and its methods."""
+def _benchmark(name: str, file: Path) -> Entry:
+    """Return the entry of a benchmark, whose details are its captures and its methods."""
     bench = load(BenchFile, file, "a benchmark description")
     scenes = (Path(source.scene or source.path or "").stem for source in bench.capture)
-    return {
+    details = {
         "captures": ", ".join(dict.fromkeys(scenes)),
         "methods": ", ".join(dict.fromkeys(entry.label for entry in bench.method)),
     }
+    return Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "), details)
 
 
 def _method(method: Method) -> Entry:

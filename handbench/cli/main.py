@@ -42,7 +42,10 @@ def _run(arguments: Sequence[str] | None) -> int:
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="replace")  # what a terminal's encoding lacks is "?"
         options = known.parse_args(arguments)
-        _require_current_folder()
+        try:
+            os.getcwd()
+        except FileNotFoundError:
+            raise HandbenchError("the current folder has been deleted; go to another") from None
         with ExitStack() as device:
             if "device" in options:
                 from handbench.radar.imaging.device import use_device
@@ -93,13 +96,6 @@ def _prepare() -> None:
 
 def _interrupt(number: int, _: object) -> None:
     raise KeyboardInterrupt(number)
-
-
-def _require_current_folder() -> None:
-    try:
-        os.getcwd()
-    except FileNotFoundError:
-        raise HandbenchError("the current folder has been deleted; change to another one") from None
 
 
 def _drain() -> None:

@@ -19,7 +19,7 @@ from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_json
 from handbench.support.progress import print_lines, say
 
-MILLIMETRE_M = 1e-3
+UNITS_M = {"m": 1.0, "mm": 1e-3}
 
 
 def groundtruth(options: argparse.Namespace) -> None:
@@ -67,7 +67,7 @@ def _take_over(options: argparse.Namespace) -> None:
             f"--unit: is missing, and {options.photos} does not say in which unit its vertices "
             "are; add --unit m or --unit mm"
         )
-    mesh = metric_mesh(options.photos, MILLIMETRE_M if options.unit == "mm" else 1.0)
+    mesh = metric_mesh(options.photos, UNITS_M[options.unit])
     write_mesh(options.out, mesh)
     print_lines(f"{options.out}: {len(mesh.vertices)} vertices, {len(mesh.triangles)} triangles")
 
@@ -143,14 +143,10 @@ def _from_surface(options: argparse.Namespace) -> Transform:
     from handbench.calibration.refine import refine
     from handbench.groundtruth.mesh.depth import reference_on_grid
 
-    if options.capture:
+    if options.capture or options.mesh is None:
         raise HandbenchError(
-            "--refine: aligns a depth map to a mesh and needs no calibration target; leave out "
-            "TARGET_CAPTURE"
-        )
-    if options.mesh is None:
-        raise HandbenchError(
-            "--refine: needs a surface to align the depth map to; add --mesh MESH.ply"
+            "--refine: aligns a depth map to a surface and needs no calibration target; add --mesh "
+            "MESH.ply, and leave out TARGET_CAPTURE"
         )
     surface, depth = read_surface(options.mesh), load_depthmap(options.refine)
     transform = refine(

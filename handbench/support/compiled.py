@@ -113,15 +113,14 @@ class KernelCache(import_module("numba.core.caching").FunctionCache):  # type: i
         """Load a kernel for the types of its arguments; None if this process must compile it, and
         then `save_overload` it."""
         self._begun_s, self._lock = time.perf_counter(), None
+        with suppress(OSError):  # a file system without locks: each process compiles
+            file = Path(self.cache_path, f"{self._impl.filename_base}.lock")
+            self._lock = os.open(file, os.O_CREAT | os.O_RDWR)
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
         code = super().load_overload(sig, target_context)
         if code is None:
             _announce()
-            with suppress(OSError):  # a file system without locks: each process compiles
-                file = Path(self.cache_path, f"{self._impl.filename_base}.lock")
-                self._lock = os.open(file, os.O_CREAT | os.O_RDWR)
-                fcntl.flock(self._lock, fcntl.LOCK_EX)
-            code = super().load_overload(sig, target_context)
-        if code is not None:
+        else:
             self._end()
         return code
 

@@ -374,7 +374,8 @@ def read_array(stream: IO[bytes], room_bytes: int) -> np.ndarray:
 
 def content_hash(*parts: Any) -> str:
     """Return a SHA-256 in hexadecimal that identifies values: strings, numbers, lists and mappings
-    of them, arrays, files (their content), and folders (name and content of each file).
+    of them, arrays, files (their content), and folders (name and content of each file, but not what
+    Python and numba compile).
 
     Raises TypeError for other values, because their text may be equal for different values. A link
     in a folder counts with the content of its file, if that is in the folder too. Raises
@@ -390,8 +391,9 @@ def content_hash(*parts: Any) -> str:
                         f"{file}: is a link to something outside {part} or to nothing; replace the "
                         "link by the file itself"
                     )
-                if not file.is_dir():
-                    digest.update(str(file.relative_to(part)).encode())
+                name = file.relative_to(part)
+                if not file.is_dir() and "__pycache__" not in name.parts:
+                    digest.update(str(name).encode())
                     digest.update(content_hash(file).encode())
         elif isinstance(part, Path):
             with require_file(part, "a regular file").open("rb") as stream:

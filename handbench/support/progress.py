@@ -8,7 +8,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import parent_process
 from operator import length_hint
@@ -17,6 +17,7 @@ from typing import Any, TextIO, TypeVar
 from handbench.support.errors import printable
 
 Item = TypeVar("Item")
+LIVE_INTERVAL_S = 0.25
 PLAIN_INTERVAL_S = 10.0
 ERASE_LINE = "\r\x1b[2K"
 
@@ -26,8 +27,12 @@ def say(text: str) -> None:
     On a terminal it takes the line of the progress, which is drawn again below, so that further
     processes can print too. Nothing is printed where stderr is closed or full."""
     erase = ERASE_LINE if is_terminal(sys.stderr) else ""
+    _write(f"{erase}{printable(text)}\n")
+
+
+def _write(text: str) -> None:
     with suppress(AttributeError, OSError, ValueError):
-        sys.stderr.write(f"{erase}{printable(text)}\n")
+        sys.stderr.write(text)
         sys.stderr.flush()
 
 
@@ -124,49 +129,33 @@ def counted(total: int) -> Iterator[Work]:
     if _current is not None or parent_process() is not None:
         yield work
         return
-    _current = work
-    try:
-        with _live(work) if is_terminal(sys.stderr) else _lines(work):
-            yield work
-    finally:
-        _current = None
-
-
-def _live(work: Work) -> AbstractContextManager[Any]:
-    """Return a context manager that draws the line of `work` on a terminal while its block runs."""
-    from rich.console import Console
-    from rich.live import Live
-    from rich.text import Text
-
-    return Live(
-        get_renderable=lambda: Text(printable(work.line()), no_wrap=True, overflow="ellipsis"),
-        console=Console(stderr=True),
-        transient=True,
-        redirect_stdout=False,
-        redirect_stderr=False,
-    )
-
-
-@contextmanager
-def _lines(work: Work) -> Iterator[None]:
-    """Print the line of progress while the block runs, by a thread that only reads `work`: every
-    10 s (PLAIN_INTERVAL_S), if it says something new."""
-    ended = threading.Event()
-
-    def print_progress() -> None:
-        printed = ""
-        while not ended.wait(PLAIN_INTERVAL_S):
-            if (line := work.line()) != printed:
-                say(line)
-                printed = line
-
-    printer = threading.Thread(target=print_progress, daemon=True)
+    _current, ended = work, threading.Event()
+    printer = threading.Thread(target=_show, args=(work, ended), daemon=True)
     printer.start()
     try:
-        yield
+        yield work
     finally:
+        _current = None
         ended.set()
         printer.join()
+
+
+def _show(work: Work, ended: threading.Event) -> None:
+    """Show the line of progress until the work has ended: on a terminal drawn again and again,
+    elsewhere printed every 10 s (PLAIN_INTERVAL_S), if it says something new."""
+    live, shown = is_terminal(sys.stderr), ""
+    while not ended.wait(LIVE_INTERVAL_S if live else PLAIN_INTERVAL_S):
+        line = printable(work.line())
+        if live:
+            from rich.cells import set_cell_size
+
+            width = shutil.get_terminal_size().columns - 1
+            _write(ERASE_LINE + set_cell_size(line, width).rstrip())
+        elif line != shown:
+            say(line)
+        shown = line
+    if live:
+        _write(ERASE_LINE)
 
 
 def track(items: Iterable[Item], description: str, total: int = 0) -> Iterator[Item]:

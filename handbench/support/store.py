@@ -32,7 +32,14 @@ from typing import Any, NamedTuple
 
 from handbench.support.cost import Cost, machine, measured
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_folder, content_hash, read_json, writable, write_json
+from handbench.support.files import (
+    TEMPORARY,
+    atomic_folder,
+    content_hash,
+    read_json,
+    writable,
+    write_json,
+)
 from handbench.support.parallel import one_blas_thread
 from handbench.support.progress import say
 
@@ -97,13 +104,10 @@ def read_sources() -> None:
 
 @cache
 def source_hash(name: str) -> str:
-    """Return the hash of a folder or a file of handbench's source, such as "radar/data": names and
-    content of its files, without what Python and numba compile."""
+    """Return the hash of a folder or a file of handbench's source, such as "radar/data"."""
     # the rooms are in the package, or in a clone next to it
-    place = next(path for path in (PACKAGE / name, PACKAGE.parent / name) if path.exists())
-    files = [place] if place.is_file() else sorted(place.rglob("*"))
-    kept = [file for file in files if file.is_file() and "__pycache__" not in file.parts]
-    return content_hash([[file.relative_to(place).as_posix(), content_hash(file)] for file in kept])
+    places = (PACKAGE / name, PACKAGE.parent / name)
+    return content_hash(next(place for place in places if place.exists()))
 
 
 @dataclass(eq=False)
@@ -282,13 +286,14 @@ def locked(folder: Path) -> Iterator[Path]:
                 f"{folder}: another run is writing into this folder; wait until it ends, or "
                 "choose another folder for -o"
             ) from None
-        for path in sorted(work.iterdir()):
-            if path.name.startswith(".") and "-" in path.name:
-                _remove(path)
-            else:
-                require_owned(path)
-        try:
-            yield work
-        finally:
-            for path in work.glob(".*-*"):  # of processes that were killed with the run
-                shutil.rmtree(path, ignore_errors=True)
+        for path in work.iterdir():
+            require_owned(path)
+        _remove_temporary(work)
+        ending.callback(_remove_temporary, work)
+        yield work
+
+
+def _remove_temporary(work: Path) -> None:
+    """Remove the temporary folders of processes that were killed."""
+    for path in work.glob(f".*{TEMPORARY}"):
+        shutil.rmtree(path, ignore_errors=True)

@@ -43,14 +43,14 @@ def test_loops_fill_whole_vectors():
     assert "zmm" in code
 
 
-def test_of_two_processes_one_compiles_and_each_says_so_once(tmp_path):
+def test_of_two_processes_one_compiles_and_says_so_once(tmp_path):
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     names = [str(tmp_path / name) for name in "ab"]
     commands = [[sys.executable, "-c", CALL, name, *names] for name in names]
     begun = [subprocess.Popen(c, stdout=-1, stderr=-1, text=True, env=env) for c in commands]
     printed, said = zip(*(process.communicate() for process in begun), strict=True)
     assert sorted(line.split() for line in printed) == [["0", "1"], ["1", "0"]]
-    assert [text.count("\n") for text in said] == [1, 1]
+    assert sorted(text.count("\n") for text in said) == [0, 1]
 
 
 def test_a_compilation_for_another_processor_is_announced_once(monkeypatch, capsys):
