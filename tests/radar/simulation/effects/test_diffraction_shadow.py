@@ -91,6 +91,14 @@ def test_the_fast_chain_weighs_legs_as_the_plain_sum_does():
     assert relative_error(fast, plain) < 1e-5
 
 
+def test_edges_that_the_body_hides_are_no_outline():
+    """Of a thinner finger behind."""
+    body = joined(FINGER, cylinder((0.0, 0.0, 0.29), 4e-3, 0.04))
+    rays = Rays(body.vertices_m, body.faces)
+    outline = visible_outline(body, edges_of(body), rays, np.zeros(3))
+    assert len(outline) and outline[:, 2].max() < 0.28
+
+
 def test_nothing_diffracts_on_a_sheet_alone():
     assert not facets_of(SHEET).sight.partial.any()
     bare, made = (shaped(scene(SHEET), *effects) for effects in ((obliquity,), (obliquity, shadow)))
