@@ -61,7 +61,7 @@ def _marker_corners(picture: np.ndarray, tones: np.ndarray, board: Board) -> Cor
         picture
     )
     known = board.corners_m()
-    names = [] if ids is None else ids.ravel().tolist()
+    names = list(map(int, [] if ids is None else ids.ravel()))
     return {
         (name, k): corner
         for name, quad in zip(names, found, strict=True)
@@ -91,8 +91,8 @@ def _chessboard_corners(picture: np.ndarray, board: Board) -> Corners:
     corners, ids, *_ = cv2.aruco.CharucoDetector(board.charuco.cv_board()).detectBoard(picture)
     if ids is None:
         return {}
-    pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-    return {(CHESSBOARD, k): pixel for k, pixel in zip(ids.ravel().tolist(), pixels, strict=True)}
+    pixels = np.asarray(corners, np.float64).reshape(-1, 2)
+    return {(CHESSBOARD, k): pixel for k, pixel in zip(map(int, ids.ravel()), pixels, strict=True)}
 
 
 def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:

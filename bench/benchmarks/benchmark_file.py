@@ -267,7 +267,8 @@ class BenchFile(Config):
 
     @model_validator(mode="after")
     def _something_to_measure(self) -> "BenchFile":
-        measures = [source.measures for source in (*self.capture, *(self.dataset or ()))]
+        sources: tuple[Source | DataSet, ...] = (*self.capture, *(self.dataset or ()))
+        measures = [source.measures for source in sources]
         if not any("accuracy" in measured for measured in measures):
             raise ValueError(
                 "no capture measures the accuracy, which the table needs; add a [[capture]] or "

@@ -177,13 +177,13 @@ def compare(
         title += f"{on_common_pixels(metric)}, {TREATMENTS[treatment]}"
     names = {method: method for method in figures} | dict(titles or {})
     table["sentence"] = [
-        finding(names[line.better], names[line.worse], title, line, counted(line.n_captures))
+        finding(title, line, counted(line.n_captures), names[line.better], names[line.worse])
         for line in each(table)
     ]
     return conform(table, COMPARISONS)
 
 
-def finding(better: str, worse: str, title: str, line: Any, untested: str) -> str:
+def finding(title: str, line: Any, untested: str, better: str, worse: str) -> str:
     """Return the result of a test in a sentence.
     better, worse: names of what was compared; title: of the metric; line: of a table, with the
     difference ≥ 0, its interval, its unit and the corrected p; untested: why there is no test, if p

@@ -95,7 +95,7 @@ def compare_results(a: Result, b: Result) -> Compared:
         )
     ours, theirs = (_captures(of, references[0]) for of in (a, b))
     same = [name for name in ours if name in theirs and _same(a, b, name, references[0])]
-    figures = pd.merge(_figures(a, "a"), _figures(b, "b"), "outer", [*KEYS, "capture"])
+    figures = pd.merge(_figures(a, "a"), _figures(b, "b"), "outer")
     if same:
         figures = figures[figures.capture.isin(same) | (figures.reference == "")]
     figures["difference"] = figures.b - figures.a
@@ -118,7 +118,7 @@ def compare_results(a: Result, b: Result) -> Compared:
                 test = f_test(_hands(a, method), _hands(b, method))
             untested = UNTESTED[metric]
         mean = dict(zip((*KEYS, *FIGURES), (*key, *ends[0], *ends[1]), strict=True))
-        mean |= test._asdict() | captures[["n_a", "n_b"]].sum().to_dict()
+        mean |= test._asdict() | dict(captures[["n_a", "n_b"]].sum())
         lines += [mean | {"untested": untested}, *captures.to_dict("records")]
     table = pd.DataFrame(lines, columns=[*DIFFERENCES, "p"])
     table["title"] = table.method.map(a.about.method_titles)
@@ -175,9 +175,8 @@ def _error_test(captures: pd.DataFrame, paired: bool, tested: bool) -> tuple[Dif
 def _with_findings(table: pd.DataFrame) -> pd.DataFrame:
     """Complete the table DIFFERENCES: p-values corrected for all tests (Holm), the better result
     and a sentence for each mean."""
-    facts = [METRICS[metric] for metric in table.metric]
-    table["metric_title"] = [metric.title for metric in facts]
-    table["unit"] = [metric.unit for metric in facts]
+    table["metric_title"] = [METRICS[metric].title for metric in table.metric]
+    table["unit"] = [METRICS[metric].unit for metric in table.metric]
     table["untested"] = table.untested.where(table.p.isna()).fillna("")
     table["p_corrected"] = holm_corrected(table.p)
     table["capture"] = table.capture.fillna("")
@@ -195,7 +194,7 @@ def _finding(line: Any) -> tuple[str, str]:
     if line.difference < 0:
         line = line._replace(difference=-line.difference, low=-line.high, high=-line.low)
     title = line.metric_title + (f" against {line.reference}" if line.reference else "")
-    sentence = f"{line.title}: {finding(*order, title, line, line.untested)}"
+    sentence = f"{line.title}: {finding(title, line, line.untested, *order)}"
     return order[0] if line.p_corrected < 1 - LEVEL else "", sentence
 
 
@@ -211,7 +210,7 @@ def _figures(result: Result, side: str) -> pd.DataFrame:
     errors = scores[(scores.frame == 0) & (scores.reference != "")].set_index(keys).value
     times = scores[scores.metric == TIME].groupby(keys).value.median()
     repeats = scores[scores.metric == STRONGEST].assign(metric=PRECISION).groupby(keys).value
-    precisions = repeats.agg(lambda z_m: precision_mm([z_m])).astype(float)
+    precisions = repeats.apply(lambda z_m: precision_mm([z_m.to_numpy()])).astype(float)
     return pd.concat([errors, times, precisions]).rename(side).reset_index()
 
 
@@ -233,7 +232,7 @@ def require_comparable(a: Result, b: Result) -> None:
 def _same(a: Result, b: Result, name: str, reference: str) -> bool:
     """Tell whether a capture shows the same hand in the same place in both results: its content has
     the same hash, or the depths of its reference agree."""
-    if a.about.inputs.get(name) and a.about.inputs.get(name) == b.about.inputs.get(name):
+    if (digest := a.about.inputs.get(name)) and digest == b.about.inputs.get(name):
         return True
     ours, theirs = a.surface(name, reference), b.surface(name, reference)
     for one, other in ((ours.x_m, theirs.x_m), (ours.y_m, theirs.y_m)):
