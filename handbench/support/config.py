@@ -206,8 +206,10 @@ def suggest(name: str, known: list[str]) -> str:
     known names if none is similar."""
 
     def likeness(each: str) -> list[float]:
-        spelled = name.casefold(), each.casefold()
-        return [SequenceMatcher(None, *map(form, spelled)).ratio() for form in (str, sorted)]
+        return [
+            SequenceMatcher(None, form(name.casefold()), form(each.casefold())).ratio()
+            for form in (str, sorted)
+        ]
 
     best = max(known, key=likeness, default="")
     if likeness(best)[0] >= 0.5:

@@ -34,9 +34,7 @@ def workers() -> int:
     return setting("HANDBENCH_WORKERS", cores, "whole number of threads", int)
 
 
-def setting(
-    name: str, default: Number, what: str, convert: Callable[[str], Number] = float
-) -> Number:
+def setting(name: str, default: Number, what: str, convert: Callable[[str], Any] = float) -> Number:
     """Return a positive number from the environment variable `name`, or `default` if it is not set.
     what: "number of" its unit, for the message. Raises HandbenchError for any other text."""
     wanted = os.environ.get(name, "")
