@@ -96,7 +96,7 @@ bench: setup
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python tests/typing_ratchet.py
+	$(BIN)/mypy --no-error-summary
 
 # The documentation as one site, runs/site/index.html; warnings are errors, and nothing is fetched.
 docs: setup
