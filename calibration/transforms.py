@@ -84,7 +84,7 @@ class Transform:
         if (self.source, self.target) != (source, target):
             raise HandbenchError(
                 f"{where}: is a transform from '{self.source}' to '{self.target}'; expected one "
-                f"from '{source}' to '{target}'"
+                f"from '{'photo' if source == self.source else source}' to '{target}'"
             )
         return self
 
@@ -190,9 +190,9 @@ def load_transform(path: str | Path) -> Transform:
         or np.abs(matrix[3] - [0, 0, 0, 1]).max() > 1e-12
     ):
         raise HandbenchError(
-            f"{path}: 'matrix' is not a rotation with one scale, its own {scale:.9g} and that of "
-            f"'scale' {file.scale}, or it has a reflection, a shear, or another last row than "
-            "[0, 0, 0, 1]; calibrate again"
+            f"{path}: 'matrix' is not a rotation times its scale {scale:.9g} ('scale': "
+            f"{file.scale}) to {ROUNDING:g}, with [0, 0, 0, 1] below and no reflection; write all "
+            "digits, or calibrate again"
         )
     if covariance is not None:
         largest = ROUNDING * np.abs(covariance).max()

@@ -19,6 +19,7 @@ chunk). The `transform` of the chunk or component maps that frame to the world b
 rotation · X + translation, in metres if the project has a scale.
 """
 
+import os
 import posixpath
 import struct
 from collections import defaultdict
@@ -61,7 +62,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
 
     Returns the cameras in the photographs' order. A photograph that a COLMAP model lacks has none,
     which is reported. Raises HandbenchError if another file has no camera for a photograph, if
-    fewer than three remain, or for a camera of another picture size.
+    fewer than three remain, and for a camera of another picture size or with implausible values.
     """
     if path.is_dir():
         read = cameras_in(read_model(path))
@@ -70,21 +71,23 @@ def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
     cameras = []
     for photo in photos:
         camera = _of_photo(photo, read, path)
-        if camera is None and path.is_dir():
-            say(f"{path}: has no camera for the photograph {photo.name}, which is left out")
-            continue
         if camera is None:
-            raise HandbenchError(
-                f"{path}: has no camera for the photograph {photo.name}; add one, or remove the "
-                "photograph"
-            )
+            missing = f"{path}: has no camera for the photograph {photo.name}"
+            if not path.is_dir():
+                raise HandbenchError(f"{missing}; add one, or remove the photograph")
+            say(f"{missing}, which is left out")
+            continue
         if (camera.width, camera.height) != (photo.width, photo.height):
             raise HandbenchError(
                 f"{path}: the camera of {photo.name} is for {camera.width} × {camera.height} "
                 f"pixels, but the photograph has {photo.width} × {photo.height}; use cameras made "
                 "from exactly these files"
             )
-        camera.colmap()
+        if camera.colmap().has_bogus_params(*PLAUSIBLE):
+            raise HandbenchError(
+                f"{path}: the lens of {camera.name} has impossible values; expected a focal length "
+                "of 0.1 to 20 picture sides, and the principal point in the picture"
+            )
         cameras.append(camera.model_copy(update={"name": photo.name}))
     if path.is_dir() and len(cameras) < FEWEST:
         raise HandbenchError(
@@ -95,13 +98,16 @@ def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
 
 
 def read_model(folder: Path) -> "pycolmap.Reconstruction":
-    """Read a COLMAP model (text or binary) from a folder. Raises HandbenchError if a file is broken
-    or holds implausible cameras."""
+    """Read a COLMAP model (text or binary) from a folder. Raises HandbenchError if a file is
+    broken."""
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
         _require_whole_points(folder)
         model = pycolmap.Reconstruction(str(folder))
+        names = _names_in_text(folder)
+        for number, image in model.images.items():
+            image.name = one_form(names.get(number) or image.name)
     except (ValueError, IndexError, RuntimeError, MemoryError, OverflowError) as error:
         raise HandbenchError(
             f"{folder}: is not readable as a COLMAP model ({str(error)[:200]}); expected "
@@ -109,14 +115,23 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
         ) from error
     finally:
         pycolmap.logging.minloglevel = int(pycolmap.logging.ERROR)
-    for image in model.images.values():
-        image.name = one_form(image.name)
-    for camera in cameras_in(model):
-        if camera.colmap().has_bogus_params(*PLAUSIBLE):
-            raise HandbenchError(
-                f"{folder}: the lens of {camera.name} has impossible values; make the model again"
-            )
     return model
+
+
+def _names_in_text(folder: Path) -> dict[int, str]:
+    """Read the names of a COLMAP model's images, by the images' numbers, from its images.txt, of
+    which COLMAP cuts them at the first space. Empty for a binary model."""
+    names: dict[int, str] = {}
+    if (folder / "images.bin").is_file():
+        return names
+    content = read_bytes(folder / "images.txt", "the images of a COLMAP model", MODEL_BYTES)
+    lines = map(bytes.strip, content.splitlines())
+    for line in lines:
+        if line and not line.startswith(b"#"):
+            number, *_, name = line.split(maxsplit=9)
+            names[int(number)] = os.fsdecode(name)
+            next(lines, None)  # the image's points
+    return names
 
 
 def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:

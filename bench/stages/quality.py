@@ -8,8 +8,8 @@ import numpy as np
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import TRUE_TRANSFORM
 from handbench.calibration.transforms import load_transform
-from handbench.groundtruth.mesh.depth import depth_on_grid, reference_on_grid
-from handbench.groundtruth.mesh.surface import read_mesh
+from handbench.groundtruth.mesh.depth import reference_on_grid
+from handbench.groundtruth.mesh.surface import read_surface
 from handbench.groundtruth.options import Options, Quality
 from handbench.groundtruth.pipeline import reconstruct
 from handbench.support.compiled import clock_s
@@ -65,15 +65,15 @@ def measure_quality(folder: Path, capture: str, quality: Quality, seed: int) -> 
     """
     data = open_capture(capture)
     assert data.photos is not None and data.truth is not None
-    truth, box_m = read_mesh(data.truth), data.about.box_m
+    truth, box_m = read_surface(data.truth), data.about.box_m
     options = Options(quality=quality, box_m=box_m, seed=seed, dense="cpu")
     start_s = clock_s()
     result = reconstruct(data.photos, options)
     seconds = clock_s() - start_s
     radar_from_photo = load_transform(data.folder / TRUE_TRANSFORM)
-    ends_m = zip(truth.get_min_bound()[:2], truth.get_max_bound()[:2], strict=True)
-    x_m, y_m = (np.arange(low, high, GRID_M) for low, high in ends_m)
-    true_z_m = depth_on_grid(truth, x_m, y_m)
+    across_m = truth.vertices_m[:, :2].T
+    x_m, y_m = (np.arange(axis_m.min(), axis_m.max(), GRID_M) for axis_m in across_m)
+    true_z_m = reference_on_grid(truth, x_m, y_m).z_m
     if box_m is not None:
         points_m = np.stack([*np.meshgrid(x_m, y_m), true_z_m], axis=-1)
         in_photo_m = radar_from_photo.inverse().points(points_m.reshape(-1, 3))
@@ -85,7 +85,7 @@ def measure_quality(folder: Path, capture: str, quality: Quality, seed: int) -> 
     if not both.any():
         raise HandbenchError(f"{data.photos}: the reconstruction shows nothing of the true surface")
     points_m = np.stack([*np.meshgrid(x_m, y_m), z_m], axis=-1)[both]
-    rays = embree(np.asarray(truth.vertices), np.asarray(truth.triangles))
+    rays = embree(truth.vertices_m, truth.faces)
     distance_m = rays.compute_distance(points_m.astype(np.float32)).numpy()
     figures = {
         "surface_rms_mm": 1e3 * float(np.sqrt(np.mean(distance_m.astype(float) ** 2))),

@@ -33,7 +33,7 @@ from handbench.bench.validation.checks import (
     warnings_of,
 )
 from handbench.calibration.corrections import from_echoes
-from handbench.groundtruth.mesh.depth import depth_on_grid
+from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray
 from handbench.radar.data.capture import RadarCapture, even_subset, scaled_to_one, thin_antennas
@@ -245,11 +245,11 @@ def order_warnings(
 
 def error_mm(depth: DepthMap, surface: Surface) -> float:
     """Compute the median |Δz| of the strongest pixels of a depth map to a surface in the radar
-    frame. A pixel whose ray misses the surface counts as infinitely far."""
+    frame. A pixel whose ray misses the observed surface counts as infinitely far."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
     strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
     try:
-        z_m = depth_on_grid(surface.mesh, depth.x_m, depth.y_m).ravel()[strongest]
+        z_m = reference_on_grid(surface, depth.x_m, depth.y_m).z_m.ravel()[strongest]
     except HandbenchError:  # larger than anything before a radar
         return np.inf
     off_m = np.abs(depth.z_m.ravel()[strongest] - z_m)

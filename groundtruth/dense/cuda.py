@@ -117,9 +117,9 @@ def search(workspace: Path, options: dict[str, float | int | bool]) -> None:
         lines = [
             line for line in done.stderr.splitlines() if "Check failed" in line or "rror" in line
         ]
-        reason = lines[-1].strip() if lines else f"exit code {done.returncode}"
+        *_, reason = [f"exit code {done.returncode}", *lines]
         raise HandbenchError(
-            f"COLMAP's stereo search failed on the CUDA device ({reason}); {INSTEAD}"
+            f"COLMAP's stereo search failed on the CUDA device ({reason.strip()}); {INSTEAD}"
         )
 
 

@@ -74,27 +74,28 @@ def open_views(
     tracks = np.zeros((len(points), len(images)), dtype=bool)
     for row, point in zip(tracks, points, strict=True):
         row[[column[element.image_id] for element in point.track.elements]] = True
-    views: list[View | None] = []
+    views, tracks_of_views = [], []
     for image, seen in zip(track(images, "undistorting"), tracks.T, strict=True):
         photo, camera, pose = by_name[image.name], camera_in(image), image.cam_from_world()
         near, far = np.quantile((pose * points_m[seen])[:, 2], DEPTH_QUANTILES)
         range_m = float(near * (1 - DEPTH_MARGIN)), float(far * (1 + DEPTH_MARGIN))
         mask = read_mask(photo, masks)
-        views.append(open_view(photo, camera, pose, shrink, range_m, box_m, mask))
-    showing = [i for i, view in enumerate(views) if view is not None]
-    if len(showing) < FEWEST_VIEWS:
+        view = open_view(photo, camera, pose, shrink, range_m, box_m, mask)
+        if view is not None:
+            views.append(view)
+            tracks_of_views.append(seen)
+    if len(views) < FEWEST_VIEWS:
         raise HandbenchError(
-            f"box_m: only {len(showing)} of the {len(views)} registered photographs show this "
+            f"box_m: only {len(views)} of the {len(images)} registered photographs show this "
             f"box; expected at least {FEWEST_VIEWS}; check its numbers, which are metres in the "
             "frame of the board (or of the camera poses)"
         )
-    shown = [view for view in views if view is not None]
     require_memory(
-        PIXEL_BYTES * sum(view.gray.size for view in shown),
-        f"dense: {len(shown)} depth maps",
+        PIXEL_BYTES * sum(view.gray.size for view in views),
+        f"dense: {len(views)} depth maps",
         "choose a lower --quality, or fewer or smaller photographs",
     )
-    return shown, choose_sources(shown, tracks[:, showing], points_m)
+    return views, choose_sources(views, np.transpose(tracks_of_views), points_m)
 
 
 def depth_maps(views: list[View], sources: list[list[int]], seed: int) -> list[ViewDepth]:

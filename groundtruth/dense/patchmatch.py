@@ -223,13 +223,12 @@ def _match(
     mismatch: np.ndarray,
 ) -> None:
     """Do what `mismatches` does, in some rows of the picture."""
-    values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
-    places = np.empty((6, SAMPLES), np.float32)
+    scratch = np.empty((8, SAMPLES), np.float32)
     for y in rows:
         for x in range(wanted.shape[1]):
             if not wanted[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights, places)
+            window = _window(stereo.reference, y, x, scratch)
             bend = (float(bends[0, y, x]), float(bends[1, y, x]), float(bends[2, y, x]))
             plane = (float(planes[0, y, x]), float(planes[1, y, x]), float(planes[2, y, x]))
             for n in range(len(views)):
@@ -250,14 +249,13 @@ def _improve(
 ) -> None:
     """Try, at the pixels of one colour of a chessboard in some rows, the continued planes of
     neighbours, which have the other colour, and then changes of the best plane."""
-    values, weights = np.empty(SAMPLES, np.float32), np.empty(SAMPLES, np.float32)
-    places = np.empty((6, SAMPLES), np.float32)
+    scratch = np.empty((8, SAMPLES), np.float32)
     h, w = cost.shape
     for y in rows:
         for x in range((y + colour) % 2, w, 2):
             if not low[y, x] <= high[y, x]:
                 continue
-            window = _window(stereo.reference, y, x, values, weights, places)
+            window = _window(stereo.reference, y, x, scratch)
             best = cost[y, x]
             for k in range(len(DIRECTIONS) + len(changes)):
                 if k < len(DIRECTIONS):
@@ -288,21 +286,15 @@ def _improve(
 
 
 @njit(**INNER)
-def _window(
-    reference: np.ndarray,
-    y: int,
-    x: int,
-    values: np.ndarray,
-    weights: np.ndarray,
-    places: np.ndarray,
-) -> Window:
+def _window(reference: np.ndarray, y: int, x: int, scratch: np.ndarray) -> Window:
     """Extract the matching window around pixel (x, y) of the reference picture, which is padded at
     its border.
 
-    values, weights [SAMPLES] and places [6, SAMPLES] are scratch arrays. Returns column, row, gray
-    values minus their weighted mean, bilateral weights with sum 1, the array for places in a
-    source view and its values around them, and the weighted variance of the values.
+    scratch [8, SAMPLES]: receives what is returned. Returns column, row, gray values minus their
+    weighted mean, bilateral weights with sum 1, the array for places in a source view and its
+    values around them, and the weighted variance of the values.
     """
+    values, weights, places = scratch[0], scratch[1], scratch[2:]
     centre = reference[y + RADIUS, x + RADIUS]
     total = mean = variance = np.float32(0)
     for k in range(SAMPLES):

@@ -7,7 +7,7 @@ import numpy as np
 from handbench.calibration.transforms import Transform, perturbation_jacobian
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.support.errors import HandbenchError
-from handbench.support.rays import TriangleMesh, embree
+from handbench.support.rays import embree
 
 CLEARANCE_M = 1e-3
 # largest extent in x, y and z, for which single precision has errors below 0.06 mm
@@ -56,33 +56,21 @@ class Reference(NamedTuple):
         return np.hypot(self.mesh_sigma_m, self.registration_sigma_m)
 
 
-def depth_on_grid(surface: TriangleMesh, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-    """Compute the orthographic depth z [ny, nx] (metres, float64) of a mesh in the radar frame,
-    seen from −z, at the columns x_m [nx] and rows y_m [ny].
-
-    The depth is NaN where a ray along +z at (x, y) hits no triangle; triangles parallel to the ray
-    are ignored. The ray caster works in single precision: rays start just in front of the mesh, and
-    the depth is recomputed in double precision on the triangle that was hit. Raises HandbenchError
-    for an implausibly large mesh, e.g. one in millimetres.
-    """
-    vertices_m, faces = np.asarray(surface.vertices), np.asarray(surface.triangles)
-    unknown_m, seen = np.full(len(vertices_m), np.nan), np.ones(len(vertices_m), dtype=bool)
-    return reference_on_grid(Surface(vertices_m, faces, unknown_m, seen), x_m, y_m).z_m
-
-
 def reference_on_grid(
     surface: Surface, x_m: np.ndarray, y_m: np.ndarray, registration: Transform | None = None
 ) -> Reference:
     """Compute the orthographic depth of a surface in the radar frame, seen from −z, at the columns
-    x_m [nx] and rows y_m [ny], with its uncertainty. The depth is NaN where a ray meets no surface,
-    or interpolated surface first.
+    x_m [nx] and rows y_m [ny], with its uncertainty. The depth is NaN where a ray along +z meets no
+    surface, or interpolated surface first; triangles parallel to the ray are ignored. The ray
+    caster works in single precision: rays start just in front of the mesh, and the depth is
+    recomputed in double precision on the triangle that was hit.
 
     registration: the transform that moved the surface to the radar frame; its covariance enters the
     uncertainty. When a surface with normal n moves by δ, the depth of a pixel changes by n·δ/n_z.
     So an error σ along the normal gives σ/|n_z|, and an error ξ of the registration's parameters
     gives n·J(p)·ξ/n_z to first order, with the Jacobian J at the point p. The radial velocity at p
     is v·p/|p|, with the velocity v of the surface there. Raises HandbenchError for an implausibly
-    large surface.
+    large surface, e.g. one in millimetres.
     """
     met, triangle = _cast(surface.vertices_m, surface.faces, x_m, y_m)
     faces = surface.faces[triangle]

@@ -85,11 +85,13 @@ def read_surface(file: str | Path, unscaled: bool = False) -> Surface:
 
     The uncertainty comes from the vertex properties sigma_m and observed of a PLY file. If they are
     missing, sigma_m is NaN (unknown) and every vertex counts as observed. The velocity comes from
-    vx, vy and vz, metres per second. Raises HandbenchError for a broken file, and for a surface
-    without scale unless it is wanted.
+    vx, vy and vz, metres per second. Raises HandbenchError for a broken file, negative
+    sigma_m, and for a surface without scale unless it is wanted.
     """
     vertices_m, faces, columns = read_triangles(file)
     sigma_m = np.asarray(columns.get("sigma_m", np.full(len(vertices_m), np.nan)), np.float64)
+    if (sigma_m < 0).any():
+        raise HandbenchError(f"{file}: sigma_m is negative; expected metres, or NaN if unknown")
     observed = np.asarray(columns.get("observed", np.ones(len(vertices_m)))) > 0
     velocity_m_s = None
     if columns.keys() >= set(VELOCITY):

@@ -228,7 +228,7 @@ def triangulate(observed: "list[tuple[np.ndarray, pycolmap.Image]]") -> np.ndarr
 
 def _collinear(points_m: np.ndarray) -> bool:
     extents = np.linalg.svd(points_m - points_m.mean(axis=0), compute_uv=False)
-    return bool(extents[1] < COLLINEAR * extents[0])
+    return bool(extents[1] <= COLLINEAR * extents[0])
 
 
 def _rms(values: np.ndarray) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 # what parsers say → what it means for the one who has the file
 PLAIN = (
     (
-        r"could not convert string to float: (\S.*?')",
+        r"could not convert string to float: b?('.*?')",
         r"\1 is no number; write it with a point, and no unit",
     ),
     (r"Exceeds the limit \(.* to increase the limit", "a whole number has too many digits"),

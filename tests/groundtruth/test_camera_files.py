@@ -20,9 +20,10 @@ def model():
 
 @pytest.mark.parametrize("binary", [True, False])
 def test_a_colmap_model_gives_lenses_and_poses(tmp_path, capsys, model, binary):
-    """By names without folders; a photograph that it lacks has none."""
+    """By names without folders; a photograph that it lacks has none. COLMAP cuts the names of a
+    text at the first space."""
     for image in model.images.values():
-        image.name = f"images/{image.name}"
+        image.name = f"my images/{image.name}"
     (model.write_binary if binary else model.write_text)(tmp_path)
     photos = (*photos_of(exact_model(CENTRES)), Photo(None, "p9.png", 400, 300))
     cameras = cameras_of(photos, tmp_path)
@@ -81,6 +82,12 @@ def _without_cameras(model, folder):
     (folder / "cameras.bin").unlink()
 
 
+def _latin(model, folder):
+    model.write_binary(folder)
+    file = folder / "images.bin"
+    file.write_bytes(file.read_bytes().replace(b"p0.png", b"\xe40.png"))
+
+
 def _cut(model, folder):
     """By 40 bytes, after which COLMAP's own reader does not return."""
     model.write_binary(folder)
@@ -96,6 +103,7 @@ def _cut(model, folder):
         (_lens(440, 441, 201, 149, float("nan"), 0, 0, 0), ("p0.png", "'params.4' is nan")),
         (_lens(8010, 8010, 201, 149, 0, 0, 0, 0), ("p0.png",)),
         (_without_cameras, ("model",)),
+        (_latin, ("model", "utf-8")),
         (_cut, ("points3D.bin",)),
     ],
 )

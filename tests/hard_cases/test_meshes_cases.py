@@ -2,13 +2,12 @@
 other units; rays that meet a mesh at its vertices and edges, obliquely, from far away, or on their
 own surface."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, depth_on_grid
+from handbench.groundtruth.mesh.depth import EDGE_ON, LARGEST_M, reference_on_grid
+from handbench.groundtruth.mesh.surface import Surface
 from handbench.support.rays import Rays, load_open3d
 from tests.references.balls import U_SINGLE, U, balls, off
 from tests.refusals import refuse
@@ -50,8 +49,9 @@ def ball(rings, centre_m=(0, 0, DEPTH_M)):
 
 def depth(vertices_m, faces, x_m, y_m):
     """The product's depth [ny, nx] of triangles."""
-    mesh = SimpleNamespace(vertices=vertices_m, triangles=faces)
-    return depth_on_grid(mesh, np.atleast_1d(x_m), np.atleast_1d(y_m))
+    z_m = vertices_m[:, 2]
+    surface = Surface(vertices_m, faces, z_m, z_m < np.inf)
+    return reference_on_grid(surface, np.atleast_1d(x_m), np.atleast_1d(y_m)).z_m
 
 
 def plane_error_m(vertices_m, faces, x_m=GRID_M, y_m=GRID_M, slopes=SLOPES):

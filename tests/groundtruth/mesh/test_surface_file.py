@@ -46,3 +46,5 @@ def test_one_of_the_two_is_enough_and_of_any_type(tmp_path, columns, observed, s
     found = read_surface(tmp_path / "a.ply")
     assert found.observed.tolist() == observed
     np.testing.assert_array_equal(found.sigma_m, sigma_m)
+    write_ply(tmp_path / "b.ply", by_axis(VERTICES_M) | {"sigma_m": -np.ones(4)}, FACES)
+    refuse(lambda: read_surface(tmp_path / "b.ply"), "b.ply", "sigma_m")
