@@ -36,7 +36,7 @@ def _require_all(result: Result) -> None:
     """Raise a HandbenchError that names the stages that failed, if any: exit code 1."""
     if failures := result.about.failures:
         failed = ", ".join(f"{f.capture} {f.method} ({f.stage})" for f in failures)
-        error = HandbenchError(shorten(f"{len(failures)} failed: {failed}", 200, placeholder=" …"))
+        error = HandbenchError(shorten(f"failed: {failed}", 200, placeholder=" …"))
         error.code = 1
         raise error
 

@@ -169,6 +169,7 @@ def track(items: Iterable[Item], description: str, total: int = 0) -> Iterator[I
             yield item
         return
     with counted(total) as work:
+        work.begin(description)
         for item in items:
-            with work.part(description):
-                yield item
+            yield item
+            work.done += 1

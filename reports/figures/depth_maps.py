@@ -70,7 +70,8 @@ def depth_maps(result: Result, capture: CaptureFacts, reference: str = "") -> Pi
     titles = ", ".join(title for title, _ in maps) + ", photograph" * bool(photo)
     return Picture(
         f"depth_{capture.name}",
-        f"Capture {capture.name}: depth maps on one colour scale; grey: not observed{below}",
+        f"Capture {capture.name}: depth maps on one colour scale, with the time per frame; grey: "
+        f"not observed{below}",
         f"Depth maps of capture {capture.name}, side by side: {titles}. {_text(errors)}",
         _compared(maps, errors, np.asarray(Image.open(photo).convert("RGB")) if photo else None),
     )

@@ -194,7 +194,7 @@ def _drawn(result: Result, folder: Path) -> Generator[Drawn, None, None]:
         return
     with script_left_out(), ProcessPoolExecutor(count, get_context("spawn")) as processes:
         drawn = processes.map(draw, captures, on_first)
-        yield from track(drawn, "captures", len(captures))
+        yield from track(drawn, "drawing", len(captures))
 
 
 def _draw(result: Result, folder: Path, capture: CaptureFacts, paper: bool) -> Drawn:

@@ -91,7 +91,7 @@ def limits(result: Result) -> list[str]:
     if (count := len(result.scored())) < FEWEST:
         texts.append(note(count))
     if result.busy():
-        texts.append("other programs ran: times are too long")
+        texts.append("other programs ran meanwhile, so the times are too long")
     return texts
 
 
