@@ -88,7 +88,7 @@ class DepthMap:
                 "make the file again"
             )
         for name, values in maps.items():
-            least, most = RANGES[name]
+            least, most = np.array(RANGES[name])  # as float64, which a float16 is compared in
             wrong = (values < least) | (values > most)
             if name == "amplitude_db":
                 wrong |= np.isnan(values) & ~np.isnan(self.z_m)

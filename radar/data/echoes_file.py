@@ -60,11 +60,14 @@ def save_capture(path: str | Path, capture: RadarCapture) -> None:
     full."""
     import h5py
 
-    about = {name: getattr(capture, name) for name in ABOUT}
+    about = {name: getattr(capture, name) for name in ABOUT if getattr(capture, name)}
+    about |= {"format": "handbench-echoes", "version": 2, **CONVENTIONS}
     content = BytesIO()  # on a full disk HDF5 would print tracebacks
     # of this version on, HDF5 has checksums of its own structures
-    with h5py.File(content, "w", libver="v108") as file:
-        file.attrs.update({"format": "handbench-echoes", "version": 2, **CONVENTIONS, **about})
+    with h5py.File(content, "w", libver="v110") as file:
+        for name, value in about.items():
+            # texts of any length would stand in a heap that has no checksum
+            file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
         for name, values in _data_sets(capture).items():
             file.create_dataset(name, data=values, fletcher32=True)  # another checksum
     with atomic_path(path) as temporary:

@@ -98,6 +98,8 @@ def _check_pieces(found: "h5py.Dataset", name: str) -> None:
         raise ValueError(f"'{name}' has more than {CHUNKS} chunks; use larger chunks")
     pieces: list[Any] = []
     found.id.chunk_iter(pieces.append)
+    if len(pieces) * math.prod(found.chunks) < found.size:
+        raise ValueError(f"'{name}' lacks some of its chunks")  # which HDF5 reads as zeros
     for piece in pieces:
         # the mask's are left out
         deflated = DEFLATE in packed and not piece.filter_mask >> packed.index(DEFLATE) & 1

@@ -207,6 +207,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         ({"sweeps": "mean"}, {"samples": np.where(NUMBER == 3, np.nan, SAMPLES)[:, None]}, "120"),
         ({"sweeps": "mean"}, {}, "[frame, sweep, 5, 3, 4]"),
         ({}, {"samples": {"shape": (1, 5, T, 10**13), "dtype": "c8", "chunks": (1, 5, T, R)}}, ""),
+        ({}, {"tx_m": {"shape": TX_M.shape, "dtype": "f8", "chunks": (1, 3)}}, "'tx_m'"),  # none
         ({}, {"gain": np.ones((T, R))}, "'gains'"),
         ({}, {"gains": np.ones((T, R + 1))}, "(3, 5)"),
         ({"time": "jwt"}, {}, "'time'"),
