@@ -15,6 +15,7 @@ from handbench.bench.benchmarks.benchmark_file import (
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import CaptureFile, NativeCapture
 from handbench.bench.datasets.simulated import CAPTURE, simulate
+from handbench.bench.evaluation.intervals import counted
 from handbench.bench.results.about import MEASURES, Failure, Measure
 from handbench.bench.run.engine import Engine
 from handbench.bench.scenes.scene_file import named_files
@@ -214,7 +215,7 @@ def _shared(finished: dict[str, set[str]]) -> tuple[list[str], set[str]]:
 
 
 def _basis(finished: dict[str, set[str]], kept: list[str], common: set[str], total: int) -> str:
-    text = f"{len(common)} of {total} captures: those that every method of the table finished"
+    text = f"{len(common)} of {counted(total)}: those that every method of the table finished"
     without = [
         f"{method} ({len(names)} of {total})"
         for method, names in finished.items()

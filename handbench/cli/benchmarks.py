@@ -63,7 +63,7 @@ def tradeoff(options: argparse.Namespace) -> None:
     HandbenchError is raised after everything is written."""
     from handbench.bench.run import runner
     from handbench.reports.figures.fronts import pictures, ranked_methods
-    from handbench.reports.figures.style import save
+    from handbench.reports.figures.style import STYLE, save, styled
     from handbench.reports.page.html import build
 
     bench, base = load_tradeoff(options.bench, options.only)
@@ -73,8 +73,9 @@ def tradeoff(options: argparse.Namespace) -> None:
     for metric, ranked in methods.items():
         best = ranked[ranked.on_front | ranked.on_own_front]
         terminal(settings(result, metric, best, {}), f"{options.out}/report")
-    for picture in pictures(result):
-        save(picture.figure, options.out / f"{picture.stem}.png")
+    with styled(STYLE):
+        for picture in pictures(result):
+            save(picture.figure, options.out / f"{picture.stem}.png")
     print_lines(f"report: {build(options.out, options.out / 'report')}")
     if min(options.max_mae, options.max_time) < math.inf:
         if HEADLINE not in methods:
