@@ -1,6 +1,6 @@
 """The tables of docs/real_data.md, from measured sets that you have downloaded:
 
-    python -m docs.real_data FOLDER WORK [SET …]
+    python -m docs.real_data FOLDER WORK
 
 FOLDER: has the files of the sets somewhere below it; a set whose files are missing is left out.
 WORK: gets a capture for each set. Where the files are from, and their layout, is in
@@ -18,40 +18,34 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.io import loadmat
+from scipy.ndimage import map_coordinates
 
 import handbench as hb
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.stages.image import configuration
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.registry import method
 from handbench.support.files import write_text
 
 HERE = Path(__file__).parent
 MERIT = ("frequencies.csv", "antenna_locations.csv", "channel_names.csv")
-FILES = {
-    "tape": ("CopperTape_15cm.mat", "ProbeResponse2.mat"),
-    "tumour-11mm": ("B0_P3_p000.csv", "B0_P3_p036.csv", *MERIT),
-    "tumour-20mm": ("B0_P5_p000.csv", "B0_P5_p036.csv", *MERIT),
-    "chair": ("sar_raw.npy", "depth1.mat"),
-}
 TUMOURS_M = {"tumour-11mm": (0.015, 0.0, 0.035), "tumour-20mm": (0.015, 0.0, 0.030)}
 RINGS = (range(10), range(10, 20), range(20, 24))  # antennas at one height
-# of the chair's stereo camera: focal length and centre
-FOCAL_PX, CENTRE_PX = 700.0, np.array([[[640.0]], [[360.0]]])
+# of the chair's stereo camera: focal length; the middle's column and row
+FOCAL_PX, COLUMN_PX, ROW_PX = 700.0, 640.0, 360.0
 
 
 def gather(folder: Path, work: Path) -> list[str]:
     """Make WORK/NAME of each set whose files are below `folder`, and return the sets' names."""
     complete = []
-    for name, files in FILES.items():
+    for name, (save, *files) in SETS.items():
         paths = [next(folder.rglob(file), None) for file in files]
         if None in paths:
             print(f"{name}: left out; {folder} lacks some of {', '.join(files)}")
             continue
         shutil.rmtree(work / name, ignore_errors=True)
-        SAVED[name](work / name, *paths)
+        save(work / name, *paths)
         complete.append(name)
     return complete
 
@@ -114,12 +108,17 @@ def save_pairs(
     )
 
 
-SAVED = {"tape": save_tape, "chair": save_chair} | dict.fromkeys(TUMOURS_M, save_tumour)
+SETS = {  # what makes a capture of a set, and its files
+    "tape": (save_tape, "CopperTape_15cm.mat", "ProbeResponse2.mat"),
+    "tumour-11mm": (save_tumour, "B0_P3_p000.csv", "B0_P3_p036.csv", *MERIT),
+    "tumour-20mm": (save_tumour, "B0_P5_p000.csv", "B0_P5_p036.csv", *MERIT),
+    "chair": (save_chair, "sar_raw.npy", "depth1.mat"),
+}
 
 
-def imaged(folder: Path, echoes: RadarCapture) -> DepthMap:
+def imaged(folder: Path, echoes: RadarCapture) -> hb.Depth:
     """Image echoes by broadband backprojection, as the capture's description sets it up."""
-    return method("broadband").run(echoes, configuration(folder, "broadband", {}))
+    return hb.Depth(method("broadband").run(echoes, configuration(folder, "broadband", {})))
 
 
 def tape(work: Path) -> pd.DataFrame:
@@ -143,9 +142,7 @@ def tumours(work: Path) -> pd.DataFrame:
     for name, echoes in captures.items():
         for what, extra_m in (("as measured", np.zeros(3)), ("rings corrected", delays_m)):
             depth = imaged(work / name, advanced(echoes, extra_m))
-            level_db = np.where(np.isfinite(depth.z_m), depth.amplitude_db, -np.inf)
-            row, column = np.unravel_index(level_db.argmax(), level_db.shape)
-            peak_m = np.array([depth.x_m[column], depth.y_m[row], depth.z_m[row, column]])
+            peak_m = depth.points_m()[depth.amplitude_db[np.isfinite(depth.z_m)].argmax()]
             error_mm = 1e3 * np.linalg.norm(peak_m - TUMOURS_M[name])
             rows.append([f"{name}, {what}", peak_m, error_mm])
     return pd.DataFrame(rows, columns=["set", "peak m", "error mm"])
@@ -162,10 +159,9 @@ def ring_delays_m(echoes: RadarCapture, target_m: tuple[float, float, float]) ->
     candidates_m = np.arange(-0.08, 0.101, 0.01)
     best = []
     for ring in RINGS:
-        t, r = (axis.ravel() for axis in np.meshgrid(ring, ring, indexing="ij"))
-        path_m = slower * (away_m[:, t] + away_m[:, r])
-        phases = np.exp(1j * wavenumber[:, None, None] * path_m)
-        tones = np.einsum("fpc,fc->fp", phases, echoes.samples[0][:, t, r])
+        path_m = slower * (away_m[:, ring, None] + away_m[:, None, ring])
+        phases = np.exp(1j * wavenumber[:, None, None, None] * path_m)
+        tones = np.einsum("fptr,ftr->fp", phases, echoes.samples[0][:, ring][:, :, ring])
         images = np.exp(1j * np.outer(candidates_m, wavenumber)) @ tones
         best.append(candidates_m[np.abs(images).max(axis=1).argmax()])
     return np.array(best)
@@ -175,7 +171,7 @@ def advanced(echoes: RadarCapture, delays_m: np.ndarray) -> RadarCapture:
     """Return the capture without each ring's extra path [ring], metres in vacuum."""
     of_antenna_m = np.repeat(delays_m, [len(ring) for ring in RINGS])
     turns = np.outer(echoes.frequencies_hz, of_antenna_m) / SPEED_OF_LIGHT_M_S
-    samples = echoes.samples * np.exp(2j * np.pi * turns)[None, :, :, None]
+    samples = echoes.samples * np.exp(2j * np.pi * turns)[..., None]
     return replace(echoes, samples=samples.astype(np.complex64))
 
 
@@ -183,13 +179,13 @@ def chair(work: Path) -> pd.DataFrame:
     """Compare the chair's depths with those of the stereo camera, less the radar's range offset."""
     depth = hb.load(work / "chair").reconstruct("broadband")
     stereo_m = loadmat(work / "chair" / "depth1.mat")["depimg"] / 1e3
-    places_m = np.array(np.meshgrid(depth.x_m, depth.y_m))
+    x_m, y_m = np.meshgrid(depth.x_m, depth.y_m)
     seen = np.isfinite(depth.z_m) & (depth.amplitude_db > -15)
     z_m, offset_m = np.where(seen, depth.z_m, 1.0), 0.0
     for _ in range(10):  # the offset changes where a pixel is in the camera's image
-        pixels = CENTRE_PX - FOCAL_PX * places_m / (z_m - offset_m)
-        u, v = pixels.round().astype(int)
-        truth_m = stereo_m[v.clip(0, len(stereo_m) - 1), u.clip(0, stereo_m.shape[1] - 1)]
+        px_per_m = FOCAL_PX / (z_m - offset_m)
+        pixels = [ROW_PX - px_per_m * y_m, COLUMN_PX - px_per_m * x_m]
+        truth_m = map_coordinates(stereo_m, pixels, order=0, mode="nearest")
         use = seen & (truth_m < 1.9)  # the chair, not the wall behind it
         offset_m = float(np.median((z_m - truth_m)[use]))
     error_mm = 1e3 * np.median(np.abs(z_m - offset_m - truth_m)[use])
@@ -199,13 +195,13 @@ def chair(work: Path) -> pd.DataFrame:
 TABLES = {"tape": tape, "tumour-20mm": tumours, "chair": chair}
 
 
-def main(folder: Path, work: Path, *only: str) -> None:
-    """Print the tables of all sets that are there (or of those in `only`)."""
+def main(folder: Path, work: Path) -> None:
+    """Print the tables of all sets that are there."""
     complete = gather(folder, work)
-    for name in only or TABLES:
+    for name, table in TABLES.items():
         if name in complete:
-            print(TABLES[name](work).round(2), "\n")
+            print(table(work).round(2), "\n")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:])
+    main(Path(sys.argv[1]), Path(sys.argv[2]))

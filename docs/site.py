@@ -30,11 +30,11 @@ ROOT = Path(__file__).parents[1]
 LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 FENCE = re.compile(r"^(```.*?^```)", re.DOTALL | re.MULTILINE)
 MATH = re.compile(r"(`[^`]*`)|\$([^$\n]+)\$")
-SPELT = {  # LaTeX that matplotlib does not know: the same as it does
-    r"\\mathbf (\w)": r"\\mathbf{\1}",
-    r"\\[td]?frac\s*(\w)\s*(\w)": r"\\frac{\1}{\2}",
-    r"\\[td]frac": r"\\frac",
-    r"\\(g|l)e\b": r"\\\1eq",
+STYLE = {
+    "svg.hashsalt": "handbench",
+    "mathtext.fontset": "cm",
+    "font.size": 12,
+    "figure.facecolor": "none",
 }
 OUTSIDE = {  # file of the repository: page of the site
     "README.md": "index.md",
@@ -77,10 +77,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 def metrics_table() -> str:
     """Return the table of all metrics: key, unit, direction, definition."""
-    columns = ["unit", "better", "definition"]
-    rows = [[getattr(metric, column) for column in columns] for metric in METRICS.values()]
-    texts = pd.DataFrame(rows, pd.Index(METRICS, name="metric"), columns)
-    return written(Table("", texts, left=3))
+    metrics = pd.DataFrame(map(vars, METRICS.values()), pd.Index(METRICS, name="metric"))
+    return written(Table("", metrics[["unit", "better", "definition"]], left=3))
 
 
 def fenced(block: str) -> str:
@@ -96,14 +94,12 @@ def formulas(text: str) -> str:
 
 
 def formula(latex: str) -> str:
-    """Return a LaTeX formula as an HTML image with embedded SVG, aligned with the line of text."""
+    """Return a LaTeX formula, in what matplotlib knows of LaTeX, as an HTML image with embedded
+    SVG, aligned with the line of text."""
     spelt = " ".join(latex.split())
     alt = re.sub(r"[|_*]", lambda sign: f"&#{ord(sign[0])};", html.escape(spelt))
-    for unknown, known in SPELT.items():
-        spelt = re.sub(unknown, known, spelt)
     drawn = io.BytesIO()
-    style = {"svg.hashsalt": "handbench", "mathtext.fontset": "cm", "font.size": 12}
-    with matplotlib.rc_context({**style, "figure.facecolor": "none"}):
+    with matplotlib.rc_context(STYLE):
         depth = math_to_image(f"${spelt}$", drawn, format="svg", dpi=72)
     source = base64.b64encode(drawn.getvalue()).decode("ascii")
     return (
