@@ -4,10 +4,10 @@ that needs it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods import registry
 from handbench.support.config import Config, parse, suggest
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import say
+from handbench.support.progress import warn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,12 +75,16 @@ class Capture:
     Attributes:
         name: the capture's name.
         folder: its path.
+        photos: the folder of its photographs; None if there are none.
+        truth: the file of the true surface, in the radar's frame; None if it is not known.
     """
 
     def __init__(self, path: File) -> None:
         self._recorded = open_capture(path)
         self.name: str = self._recorded.about.name
         self.folder: Path = self._recorded.folder
+        self.photos: Path | None = self._recorded.photos
+        self.truth: Path | None = self._recorded.truth
 
     def __repr__(self) -> str:
         echoes = self.echoes
@@ -97,17 +101,6 @@ class Capture:
         frequency, tx, rx], `.frequencies_hz` [frequency], and `.aperture` with the antennas `tx_m`
         [tx, 3] and `rx_m` [rx, 3] in the radar's frame."""
         return self._recorded.echoes()
-
-    @property
-    def photos(self) -> Path | None:
-        """The folder of the capture's photographs; None if there are none."""
-        return self._recorded.photos
-
-    @property
-    def truth(self) -> Path | None:
-        """The file of the true surface, in the radar's frame; None if the true surface is not
-        known."""
-        return self._recorded.truth
 
     @property
     def mesh(self) -> Path | None:
@@ -138,8 +131,7 @@ class Capture:
         """
         about = self._recorded.about
         settings = _within(configured(about, method, {}), settings)
-        for warning in warnings_of(self.echoes, CHANNELS):
-            say(f"{self.folder}: {warning}")
+        warn(self.folder, warnings_of(self.echoes, CHANNELS))
         config = configured(about, method, settings)
         return Depth(image(self.echoes, registry.method(method), config, frame), self)
 
@@ -308,63 +300,51 @@ class Depth(Delegating, Plottable):
         Raises:
             HandbenchError: there is no mesh, or no transform for the capture's own mesh.
         """
-        if mesh is None and self.capture is not None:
+        recorded = None if self.capture is None else self.capture._recorded
+        if mesh is None and recorded is not None:
             # which is in the radar's frame already
-            mesh = self.capture.truth if transform is None else None
-            if mesh is None and self.capture.mesh is not None:
-                mesh, transform = self.capture.mesh, transform or self.capture.transform
-                if transform is None:
-                    raise HandbenchError(
-                        "transform: is missing, but the capture's mesh is in the frame of the "
-                        "photographs; pass transform='radar_from_photo.json', or add that file to "
-                        "the capture"
-                    )
+            mesh = recorded.truth if transform is None else None
+            if mesh is None and (transform := transform or recorded.transform()):
+                mesh = recorded.mesh()
         if mesh is None:
             raise HandbenchError(
-                "mesh: is missing, and no capture with a mesh is given; pass the path of a mesh "
-                "file"
+                "mesh: is missing, and no capture is given with a true surface, or with a mesh and "
+                "its transform; pass the path of a mesh file, or transform='radar_from_photo.json'"
             )
         if not isinstance(transform, Transform):
             transform = load_any_transform(Path(transform) if transform else None)
         reference = score.reference_of_surface(
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
-        recorded = None if self.capture is None else self.capture._recorded
         found = score.score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
-        return Score(found.errors, found.figures, self.method)
+        return Score(found.errors, found.figures, self)
 
 
-class Score(Plottable):
-    """The accuracy of a depth map against a surface: metrics by name, as score["mae_mm"], and the
-    error of each pixel, which `plot` draws.
+class Score(dict[str, float | None], Plottable):
+    """The accuracy of a depth map against a surface: a dictionary of metrics by name, as
+    score["mae_mm"], and the error of each pixel; `plot` draws the surface, the map and its errors.
 
     Args:
         errors: signed errors in metres, z − z_ref: positive behind the surface.
         values: metric → figure in the unit that ends its name; None where it is not defined.
-        method: the id of the imaging method.
+        depth: the depth map.
     """
 
-    def __init__(self, errors: ErrorMap, values: dict[str, float | None], method: str) -> None:
-        self.errors, self.values, self.method = errors, values, method
+    def __init__(self, errors: ErrorMap, values: dict[str, float | None], depth: Depth) -> None:
+        super().__init__(values)
+        self.errors, self.depth = errors, depth
 
-    def __getitem__(self, name: str) -> float | None:
-        if name not in self.values:
-            raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self.values))}")
-        return self.values[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.values)
+    def __missing__(self, name: str) -> NoReturn:
+        raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self))}")
 
     def __repr__(self) -> str:
-        figures = (
-            f"{name} {value:.4g}" for name, value in self.values.items() if value is not None
-        )
+        figures = (f"{name} {value:.4g}" for name, value in self.items() if value is not None)
         return f"<handbench.Score {', '.join(figures)}>"
 
     def _figure(self) -> Figure:
-        from handbench.reports.figures.layers import error_layer, layers_figure
+        from handbench.reports.figures.depth_maps import methods_figure
 
-        return layers_figure([error_layer(self.errors, self.method)])
+        return methods_figure([(self.depth.method, self.depth.z_m, self.errors)])
 
 
 class RunResult(Delegating):
@@ -497,17 +477,16 @@ def save_capture(
 
     if Path(folder).exists():
         raise HandbenchError(f"{folder}: exists already; choose a new folder")
-    antennas = {"tx_m": tx_m, "rx_m": rx_m} if position_m is None else {"position_m": position_m}
-    places_m = {name: np.asarray(at_m) for name, at_m in antennas.items() if at_m is not None}
-    array = any(given is not None for given in (tx_m, rx_m, pairs))
-    if len(places_m) < len(antennas) or (position_m is not None and array):
+    scan = position_m is not None
+    if {tx_m is None, rx_m is None} != {scan} or (scan and pairs is not None):
         raise HandbenchError(
             "tx_m, rx_m: expected both, perhaps with pairs, or position_m of a scan instead"
         )
+    antennas = {"position_m": position_m} if scan else {"tx_m": tx_m, "rx_m": rx_m}
     capture = to_capture(
         np.atleast_1d(samples),
         np.atleast_1d(frequencies_hz),
-        places_m,
+        {name: np.asarray(places_m) for name, places_m in antennas.items()},
         None if pairs is None else np.asarray(pairs),
         times_s=times_s,
         frame_times_s=frame_times_s,

@@ -16,7 +16,7 @@ from handbench.cli.options import free_folder, set_values
 from handbench.radar.simulation.scene import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.progress import counted, print_lines, say
+from handbench.support.progress import counted, print_lines, say, warn
 
 # of a row of the table of effects: key → heading
 SIZES = {"depth_mm": "depth (mm)", "level_db": "level (dB)", "seconds": "time (s)"}
@@ -89,6 +89,5 @@ def import_data(options: argparse.Namespace) -> None:
     set_values(settings, options.settings, "parameter=S11")
     free_folder(options.out, options.overwrite, IMPORTED)
     import_capture(options.dataset, options.source, options.out, **settings)
-    for warning in warnings_of(open_capture(options.out).echoes(), CHANNELS):
-        say(f"{options.out}: {warning}")
+    warn(options.out, warnings_of(open_capture(options.out).echoes(), CHANNELS))
     say(f"the capture is in {options.out}")

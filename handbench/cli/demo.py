@@ -64,7 +64,7 @@ def _image_and_score(folder: Path) -> None:
         depth, title = images.depths[0], titles()[id]
         depth.save(folder / f"{id}.npz")
         score = Depth(depth).evaluate(truth)
-        values = score.values | {"seconds": median(images.seconds)}
+        values = score | {"seconds": median(images.seconds)}
         rows[title] = {key: values[key] for key in chosen("summary") if key in values}
         shown.append((title, depth.z_m, score.errors))
         say(f"{folder / id}.npz: imaged and scored")

@@ -11,17 +11,18 @@ import numpy as np
 # The engine is imported when it is used, after the user's input has been checked.
 from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.evaluation.metrics import definitions
-from handbench.bench.stages.image import configured, prepare
+from handbench.bench.stages.image import configured, image
 from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, on_target, warnings_of
 from handbench.cli.options import free, set_values
 from handbench.interface import Capture, Depth
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import load_depthmap
+from handbench.radar.imaging.device import describe
 from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_npz
-from handbench.support.progress import counted, is_terminal, print_json, print_lines, say
+from handbench.support.progress import counted, is_terminal, print_json, print_lines, say, warn
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
 
@@ -52,15 +53,10 @@ def reconstruct(options: argparse.Namespace) -> None:
             "broadband or narrowband, or leave these options out"
         )
     echoes = recorded.echoes(max(options.frame, 0) + 1)
-    for warning in warnings_of(echoes, CHANNELS):  # they may say why a tone is missing
-        say(f"{options.capture}: {warning}")
-    task = prepare(echoes, chosen, settings, [options.frame])
-    from handbench.radar.imaging.device import describe
-
+    warn(options.capture, warnings_of(echoes, CHANNELS))  # they may say why a tone is missing
     with counted(1) as progress, progress.part(f"imaging by {chosen.id}"):
-        depth = task.with_uncertainty(task.image(options.frame), options.frame)
-    for warning in warnings_of(depth, MAP):
-        say(f"{options.out}: {warning}")
+        depth = image(echoes, chosen, settings, options.frame)
+    warn(options.out, warnings_of(depth, MAP))
     with ExitStack() as both:  # files appear at its end, or neither
         depth.save(both.enter_context(atomic_path(options.out)))
         if isinstance(settings, Backprojection) and volume_asked:
@@ -106,27 +102,22 @@ def evaluate(options: argparse.Namespace) -> None:
     depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
     capture = None if options.capture is None else Capture(options.capture)
     score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
-    values = score.values
-    warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, values)]
+    warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, score)]
     about: dict[str, Any] = {"method": depth.method}
     if options.json:
-        about["definitions"] = definitions(values)
+        about["definitions"] = definitions(score)
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined}"
-    for warning in warnings:
-        say(f"{options.depth}: {warning}")
+    warn(options.depth, warnings)
     if options.plot is not None:
-        from handbench.reports.figures.depth_maps import methods_figure
-        from handbench.reports.figures.style import save
-
-        save(methods_figure([(depth.method, depth.z_m, score.errors)]), options.plot)
+        score.plot(options.plot)
     if options.json or not (options.table or is_terminal(sys.stdout)):
-        print_json(({"warnings": warnings} if warnings else {}) | values | about)
+        print_json(({"warnings": warnings} if warnings else {}) | score | about)
     else:
         from handbench.reports.tables.table import of_values
         from handbench.reports.tables.writers import terminal
 
-        table = of_values(str(options.depth), {depth.method: values}).turned
+        table = of_values(str(options.depth), {depth.method: score}).turned
         terminal(table, "the output of --json")
         if transform.refined:
             print_lines(about["refined"])

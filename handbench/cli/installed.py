@@ -76,7 +76,7 @@ def _sections() -> dict[str, list[Entry]]:
             Entry(metric.key, f"{metric.title} ({metric.unit})", {"definition": definition})
             for metric, definition in metrics
         ],
-        "benchmarks": [_benchmark(name, file) for name, file in embedded_benchmarks().items()],
+        "benchmarks": [_benchmark(file) for file in embedded_benchmarks().values()],
         "effects": [Entry(effect.id, effect.does, {"source": effect.source}) for effect in EFFECTS],
         "datasets": [
             Entry(name, " ".join((reader.__doc__ or "").split()).partition(". ")[0])
@@ -86,7 +86,7 @@ def _sections() -> dict[str, list[Entry]]:
     }
 
 
-def _benchmark(name: str, file: Path) -> Entry:
+def _benchmark(file: Path) -> Entry:
     """Return the entry of a benchmark, whose details are its captures and its methods."""
     bench = load(BenchFile, file, "a benchmark description")
     scenes = (Path(source.scene or source.path or "").stem for source in bench.capture)
@@ -94,7 +94,7 @@ def _benchmark(name: str, file: Path) -> Entry:
         "captures": ", ".join(dict.fromkeys(scenes)),
         "methods": ", ".join(dict.fromkeys(entry.label for entry in bench.method)),
     }
-    return Entry(name, file.read_text("utf-8").partition("\n")[0].removeprefix("# "), details)
+    return Entry(file.stem, file.read_text("utf-8").partition("\n")[0].removeprefix("# "), details)
 
 
 def _method(method: Method) -> Entry:

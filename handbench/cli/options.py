@@ -6,6 +6,7 @@ import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import cache, partial
 from pathlib import Path
@@ -25,6 +26,15 @@ def positive(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
     return int(text)
+
+
+def share(text: str) -> float:
+    """Convert an option's text to a number between 0 and 1. Raises argparse's error for any other
+    text."""
+    with suppress(ValueError):
+        if 0 < (value := float(text)) < 1:
+            return value
+    raise argparse.ArgumentTypeError(f"{text} is no number between 0 and 1, such as 1e-3")
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -58,7 +68,7 @@ def path(text: str, ends: Sequence[str] = ()) -> Path:
 
 TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
-    "float": float,
+    "share": share,
     "path": path,
     "positive": positive,
     "names": names,

@@ -17,7 +17,7 @@ from handbench.interface import MESHES
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_path, write_json
-from handbench.support.progress import print_lines, say
+from handbench.support.progress import print_lines, say, warn
 
 UNITS_M = {"m": 1.0, "mm": 1e-3}
 
@@ -47,8 +47,8 @@ def groundtruth(options: argparse.Namespace) -> None:
     values = {name: value for name, value in vars(options).items() if name in Options.model_fields}
     chosen, photos = parse(Options, values, "groundtruth"), find_photos(options.photos)
     described = options.board or options.photos / "board.toml"
-    for warning in board_warnings(photos, load_board(described)) if described.is_file() else ():
-        say(f"{described}: {warning}")
+    if described.is_file():
+        warn(described, board_warnings(photos, load_board(described)))
     result = reconstruct(options.photos, chosen, options.workdir)
     result.surface.save(options.out)
     facts, source = result.summary, result.summary["scale"]["source"]

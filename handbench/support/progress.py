@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from multiprocessing import parent_process
 from operator import length_hint
-from typing import Any, TextIO, TypeVar
+from typing import Any, TypeVar
 
 from handbench.support.errors import printable
 
@@ -30,18 +30,23 @@ def say(text: str) -> None:
     _write(f"{erase}{printable(text)}\n")
 
 
+def warn(where: object, warnings: Iterable[str]) -> None:
+    """Print warnings of a file or folder on stderr."""
+    for warning in warnings:
+        say(f"{where}: {warning}")
+
+
 def _write(text: str) -> None:
     with suppress(AttributeError, OSError, ValueError):
         sys.stderr.write(text)
         sys.stderr.flush()
 
 
-def is_terminal(stream: TextIO | None) -> bool:
+def is_terminal(stream: Any) -> bool:
     """Tell whether a stream is a terminal; False for one that is closed, or that can only write."""
-    try:
-        return stream is not None and stream.isatty()
-    except (AttributeError, ValueError):
-        return False
+    with suppress(AttributeError, ValueError):
+        return stream.isatty()
+    return False
 
 
 def print_lines(*lines: str) -> None:
@@ -59,10 +64,14 @@ def print_wrapped(text: str, indent: str) -> None:
     """Print a text on stdout, broken between words to the width of the terminal (80 without one).
     indent: begins all lines but the first."""
     width = shutil.get_terminal_size().columns
-    wrap = textwrap.TextWrapper(
-        width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    lines = textwrap.fill(
+        printable(text),
+        width,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
     )
-    print(wrap.fill(printable(text)))
+    print(lines)
 
 
 def duration(seconds: float) -> str:
