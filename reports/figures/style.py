@@ -16,7 +16,7 @@ from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import AutoLocator, LogLocator, NullFormatter
 from matplotlib.typing import MarkerType, RcKeyType
 
 from handbench.bench.results.about import CaptureFacts
@@ -124,11 +124,10 @@ def drawn_methods(titles: Mapping[str, str]) -> list[DrawnMethod]:
     """Choose colour and marker of each method, in their order. No pair occurs twice among the first
     hundred.
     titles: method → title."""
-    drawn = []
-    for i, (name, title) in enumerate(titles.items()):
-        colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
-        drawn.append(DrawnMethod(name, title, colour, marker))
-    return drawn
+    return [
+        DrawnMethod(name, title, COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)])
+        for i, (name, title) in enumerate(titles.items())
+    ]
 
 
 def methods(result: Result) -> list[DrawnMethod]:
@@ -188,13 +187,14 @@ def time_text(result: Result, method: DrawnMethod) -> str:
 
 def log_axis(axis: Axes, *sides: Literal["x", "y"]) -> None:
     """Make one or both axes of a chart with data logarithmic. Numbers are at powers of ten if it
-    spans a factor of 300 or more, else at 0.1, 0.2, 0.5, 1, …, or where these do not fit, at even
+    spans a factor of 300 or more, else at 0.1, 0.2, 0.5, 1, …, or below a factor of 5 at even
     steps."""
     for side in sides:
         axis.set(**{f"{side}scale": "log"})
         ticks = axis.xaxis if side == "x" else axis.yaxis
         low, high = ticks.get_view_interval()
-        ticks.set_major_locator(LogLocator(subs=(1,) if high / low > 300 else (1, 2, 5)))
+        powers = LogLocator(subs=(1,) if high / low > 300 else (1, 2, 5))
+        ticks.set_major_locator(powers if high / low > 5 else AutoLocator())
         ticks.set_major_formatter("{x:g}")
         ticks.set_minor_formatter(NullFormatter())
 
