@@ -15,6 +15,7 @@ from handbench.radar.data.arrays import (
     AntennaPairs,
     Aperture,
     channel_ends,
+    range_cell_m,
     range_period_m,
 )
 from handbench.radar.data.capture import RadarCapture
@@ -117,7 +118,7 @@ def from_echoes(capture: RadarCapture, unknown: Sequence[Unknown]) -> Correction
         return (samples - echo * np.vdot(echo, samples) / echo.size).ravel().view(float)
 
     period_m = range_period_m(tones_hz)
-    profile_m = period_m * np.linspace(0, 1, FINE * len(tones_hz))
+    profile_m = np.arange(0, period_m, range_cell_m(tones_hz) / FINE)
     peaks = np.abs(np.exp(np.outer(profile_m, waves)) @ samples).argmax(axis=0)
     peaks_m = np.unwrap(profile_m[peaks], period=period_m)
     start = [0, 0, 0, peaks_m.mean()]

@@ -18,6 +18,10 @@ SPEED_OF_LIGHT_M_S = 299_792_458.0
 HIGHEST_HZ = 1e13
 # float64 resolves a path to 4e-9 m there, and a phase at 80 GHz to 1e-5 rad
 FARTHEST_M = 1e7
+EVEN = 1e-3  # difference of the distances of tones that are evenly spaced
+# parts of the smallest distance of tones that are tried as the one of which all are multiples
+DIVISORS = 100
+MULTIPLE = 0.05  # how far from a multiple
 
 
 @dataclass(frozen=True)
@@ -160,9 +164,19 @@ def lateral_cell_m(
 
 
 def range_period_m(frequencies_hz: np.ndarray) -> float:
-    """Compute the range c/2Δf, metres, after which echoes at tones [f] repeat, from the smallest
-    distance Δf of two different tones."""
-    return SPEED_OF_LIGHT_M_S / 2 / float(np.diff(np.unique(frequencies_hz)).min())
+    """Compute the range c/2Δf, metres, after which echoes at tones [f] repeat.
+
+    Δf is the usual distance of neighbours, since a few tones beside an even sweep tell little; if
+    none is usual, it is the largest of which all are multiples.
+    """
+    gaps_hz = np.diff(np.unique(frequencies_hz))
+    step_hz = np.median(gaps_hz)
+    if np.isclose(gaps_hz, step_hz, rtol=EVEN).mean() < 0.5:
+        steps_hz = gaps_hz.min() / np.arange(1, DIVISORS)
+        turns = gaps_hz / steps_hz[:, None]
+        fits = np.abs(turns - np.rint(turns)).max(axis=1) < MULTIPLE
+        step_hz = steps_hz[fits.argmax() if fits.any() else -1]
+    return float(SPEED_OF_LIGHT_M_S / 2 / step_hz)
 
 
 def reach_hz(tones_hz: Sequence[float] | np.ndarray) -> float:

@@ -224,9 +224,7 @@ class FskEchoes(NamedTuple):
         echoes = cls(samples, hz[index], capture.aperture, config, config.pixels, repeated)
         if config.first_depth_m != "auto":
             return echoes
-        # what a few tones beside an even sweep tell is too little
-        period_m = SPEED_OF_LIGHT_M_S / 2 / np.median(np.diff(np.unique(hz)))
-        nearest_m = first_depth_m(capture, frame)
+        period_m, nearest_m = range_period_m(hz), first_depth_m(capture, frame)
         # where the near field ends, 2D²/λ, and with it focus
         end_m = 2 * echoes.extent_m**2 * hz.max() / SPEED_OF_LIGHT_M_S
         end_m = max(min(end_m, FARTHEST_M), nearest_m + period_m / 2)

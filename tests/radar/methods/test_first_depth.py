@@ -12,6 +12,7 @@ from tests.refusals import refuse
 
 SWEEP_HZ = np.linspace(72e9, 82e9, 64)
 BESIDE_HZ = np.r_[SWEEP_HZ, 81.8e9, 79.5e9]
+UNEVEN_HZ = 1e9 * np.array([77.9, 78.8, 79.5, 80.2, 80.9, 81.37, 81.8, 82.0])
 
 
 @pytest.mark.parametrize(
@@ -20,6 +21,7 @@ BESIDE_HZ = np.r_[SWEEP_HZ, 81.8e9, 79.5e9]
         (SWEEP_HZ, 0.2),
         (SWEEP_HZ, 0.7),
         (BESIDE_HZ, 0.31),  # the two tones hardly change the profile a period, 0.94 m, away
+        (UNEVEN_HZ, 0.9),  # whose least distance is c/2 / 0.75 m
     ],
 )
 def test_it_is_where_a_point_is(tones_hz, z_m):
@@ -28,10 +30,11 @@ def test_it_is_where_a_point_is(tones_hz, z_m):
     assert first_depth_m(capture) == pytest.approx(z_m, abs=0.015)
 
 
-def test_a_method_begins_there():
+@pytest.mark.parametrize("tones_hz", [BESIDE_HZ, UNEVEN_HZ])
+def test_a_method_begins_there(tones_hz):
     """The point at 0.85 m is more than 375 mm from the paper's first depth, so that 3-FSK takes it
     for one a period away."""
-    capture, pixels = exact_capture((0.0, 0.0, 0.85), BESIDE_HZ), around((0, 0), 0.03, 0.002)
+    capture, pixels = exact_capture((0.0, 0.0, 0.85), tones_hz), around((0, 0), 0.03, 0.002)
     fixed, begun = (depth_by("3fsk", capture, pixels, first_depth_m=z) for z in (0.45, "auto"))
     assert begun.z_m[15, 15] == pytest.approx(0.85, abs=1e-3)
     assert abs(fixed.z_m[15, 15] - 0.85) > 0.5
