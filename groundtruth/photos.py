@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from handbench.groundtruth.pictures import ORIENTATION, PLAIN, RAW, SUFFIXES, is_deep, open_picture
+from handbench.groundtruth.pictures import (
+    ORIENTATION,
+    PLAIN,
+    RAW,
+    SUFFIXES,
+    UNREAD,
+    is_deep,
+    open_picture,
+)
 from handbench.support.errors import HandbenchError
 from handbench.support.files import content_hash, one_form, require_folder
 from handbench.support.progress import say, track
@@ -19,6 +27,7 @@ from handbench.support.progress import say, track
 FEWEST = 3
 DARK, BRIGHT = 0.01, 0.99  # quantiles of a photograph's tones that stretching makes black and white
 LEAST_CONTRAST = 0.4  # between them; a photograph with less is stretched
+SMALLEST_PX, FLATTEST = 8, 1 / 50  # least shorter side, also relative to the longer one
 STEP = 1 / 255  # between two tones of 8 bits
 SAMPLED = 7  # of so many pixels, one is enough for the quantiles
 QUALITY_PX = 1000  # longer side at which sharpness is measured
@@ -125,11 +134,7 @@ def read_alpha(path: Path) -> np.ndarray:
 
 def _pictures(folder: Path) -> list[Path]:
     """List the pictures in a folder, sorted by name; empty if the folder does not exist."""
-    paths = [
-        path
-        for path in (folder.iterdir() if folder.is_dir() else ())
-        if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    ]
+    paths = [path for path in folder.glob("[!.]*") if path.suffix.lower() in SUFFIXES + UNREAD]
     developed = {path.stem for path in paths if path.suffix.lower() not in RAW}
     return sorted(p for p in paths if p.suffix.lower() not in RAW or p.stem not in developed)
 
@@ -137,6 +142,8 @@ def _pictures(folder: Path) -> list[Path]:
 def _open(path: Path) -> Photo:
     gray, opaque = read_gray(path), read_alpha(path)
     height, width = gray.shape
+    if min(gray.shape) < max(SMALLEST_PX, FLATTEST * max(gray.shape)):
+        raise HandbenchError(f"{path}: has only {width} × {height} pixels; remove it")
     seen = gray[opaque]
     tones = (0.0, 1.0)
     if seen.size:

@@ -29,6 +29,7 @@ HEIC = (".heic", ".heif")
 RAW = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".orf", ".rw2", ".pef")
 SRGB = (2.4, 12.92)  # its tone curve, as rawpy takes it
 SUFFIXES = (*PLAIN, *HEIC, *RAW)
+UNREAD = (".webp", ".bmp", ".gif", ".jp2", ".avif", ".jxl")  # refused, not passed over
 ORIENTATION = 0x0112  # EXIF's tag
 
 

@@ -162,12 +162,11 @@ def _write_view(photos: Path, camera: Camera, box_m: np.ndarray | None, file: Pa
 class Reconstruction(NamedTuple):
     """Result of a reconstruction.
 
-    surface: mesh in the photo frame, in metres unless the scale's source is "none". seconds: time
-    that each stage took, by the stage's name. summary: statistics as plain values.
+    surface: mesh in the photo frame, in metres unless the scale's source is "none". summary:
+    statistics as plain values.
     """
 
     surface: Surface
-    seconds: dict[str, float]
     summary: dict[str, Any]
 
 
@@ -241,7 +240,7 @@ def reconstruct(
             write_ply(workdir / "dense.ply", columns, np.empty((0, 3)), surface.scaled)
             write_json(workdir / "summary.json", summary)
             say(f"{workdir}: wrote sparse/, dense.ply and summary.json")
-        return Reconstruction(surface, seconds, summary)
+        return Reconstruction(surface, summary)
 
 
 def reconstruct_cloud(photos: Path, options: Options) -> Cloud:

@@ -262,7 +262,8 @@ def _read_stl(content: bytes) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     if len(content) == 84 + 50 * count:
         corners = np.frombuffer(content, FACET, count, 84)["corners"].reshape(-1, 3)
     else:
-        text, ends = re.subn(rb"(?m)^[ \t]*(end)?solid\b.*", b"", content.lower())
+        lines = b"\n".join(content.lower().splitlines())
+        text, ends = re.subn(rb"(?m)^[ \t]*(end)?solid\b.*", b"", lines)
         if ends % 2 or TEXT_FACET.sub(b"", text).strip():
             raise ValueError(
                 f"it is neither a binary file of {count} triangles nor a complete text"

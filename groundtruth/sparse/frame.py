@@ -85,14 +85,9 @@ def poses_from_model(
     few known poses or a bad fit.
     """
     known = {camera.name: camera.centre_m for camera in cameras if camera.posed}
-    pairs = [
-        (image.projection_center(), known[image.name])
-        for image in registered_images(model)
-        if image.name in known
-    ]
-    source, target_m = (
-        np.array(side).reshape(-1, 3) for side in (zip(*pairs, strict=True) if pairs else ((), ()))
-    )
+    images = [image for image in registered_images(model) if image.name in known]
+    source = np.reshape([image.projection_center() for image in images], (-1, 3))
+    target_m = np.reshape([known[image.name] for image in images], (-1, 3))
     matrix, kept, residuals_m = trimmed_similarity(
         source, target_m, "registered cameras with known poses"
     )

@@ -42,11 +42,13 @@ def test_finds_them_by_name_here_or_in_images(tmp_path):
     ("change", "place"),
     [
         (lambda folder: (folder / "a.png").write_bytes(b"no picture"), "a.png"),
+        (lambda folder: (folder / "a.webp").write_bytes(b"not read"), "a.webp"),
+        (lambda folder: Image.fromarray(GRAY[:1]).save(folder / "a.png"), "× 1 pixels"),
         (lambda folder: Image.fromarray(GRAY.astype("f4")).save(folder / "a.tif"), "32 bits"),
         (lambda folder: (folder / "p0.png").unlink(), "2 photographs"),
         (shutil.rmtree, "photos"),
     ],
-    ids=["broken", "deep", "few", "none"],
+    ids=["broken", "unread", "tiny", "deep", "few", "none"],
 )
 def test_wrong_photographs_are_refused(tmp_path, change, place):
     change(write(tmp_path / "photos"))
