@@ -71,7 +71,7 @@ def _image_and_score(folder: Path) -> None:
     save(methods_figure(shown), folder / PICTURE)
     terminal(of_values("Scored against the true surface", rows))
     facts = machine()
-    notes(f"images to {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")
+    notes(f"tolerance {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")
     print_lines(
         f"picture: {folder / PICTURE}",
         "next:",
