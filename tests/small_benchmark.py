@@ -39,7 +39,7 @@ config = { x = AXIS, y = AXIS, z = { start_m = 0.27, stop_m = 0.29, step_m = 0.0
 @pytest.fixture
 def small_bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A benchmark file with the scene and the mesh that it names. Times need not settle
-    (test_treatments)."""
+    (test_reconstruct)."""
     monkeypatch.setattr("handbench.bench.stages.reconstruct.REPEATED_S", 0.0)
     return write_bench(tmp_path / "bench")
 
