@@ -18,6 +18,7 @@ T, R, TONES_HZ = 3, 4, np.linspace(72e9, 82e9, 5)
 TX_M, RX_M = RNG.uniform(-0.1, 0.1, (T, 3)), RNG.uniform(-0.1, 0.1, (R, 3))
 SAMPLES = (RNG.standard_normal((2, 5, T, R, 2)) @ [1, 1j]).astype(np.complex64)
 LISTED = SAMPLES.reshape(2, 5, -1)
+UNWRITTEN = {"shape": SAMPLES.shape, "dtype": "c8", "chunks": (1, *SAMPLES.shape[1:])}
 NUMBER = np.arange(SAMPLES.size).reshape(SAMPLES.shape)
 EVERY = np.argwhere(np.ones((T, R), bool))
 MEASURED = np.arange(T * R).reshape(T, R) % 3 > 0
@@ -207,7 +208,7 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
         ({"sweeps": "mean"}, {"samples": np.where(NUMBER == 3, np.nan, SAMPLES)[:, None]}, "120"),
         ({"sweeps": "mean"}, {}, "[frame, sweep, 5, 3, 4]"),
         ({}, {"samples": {"shape": (1, 5, T, 10**13), "dtype": "c8", "chunks": (1, 5, T, R)}}, ""),
-        ({}, {"tx_m": {"shape": TX_M.shape, "dtype": "f8", "chunks": (1, 3)}}, "'tx_m'"),  # none
+        ({}, {"samples": UNWRITTEN | {"fletcher32": True}}, "chunks"),
         ({}, {"gain": np.ones((T, R))}, "'gains'"),
         ({}, {"gains": np.ones((T, R + 1))}, "(3, 5)"),
         ({"time": "jwt"}, {}, "'time'"),
@@ -226,6 +227,10 @@ def test_the_array_s_calibration_lies_inside(tmp_path):
 )
 def test_what_does_not_fit_is_named(tmp_path, attributes, data, place):
     refuse(lambda: loaded(tmp_path, attributes, **data), str(tmp_path / "echoes.h5"), place)
+
+
+def test_what_a_recorder_did_not_write_is_zero(tmp_path):
+    assert not loaded(tmp_path, samples=UNWRITTEN).samples.any()
 
 
 @pytest.mark.parametrize(
