@@ -91,7 +91,7 @@ class Capture:
         hz = echoes.frequencies_hz
         unit_hz, unit = fitting_unit(hz.max())
         shape = " × ".join(map(str, echoes.aperture.channels))
-        frames = "1 frame" if len(echoes.samples) == 1 else f"{len(echoes.samples)} frames"
+        frames = f"{len(echoes.samples)} frame{'s' * (len(echoes.samples) > 1)}"
         tones = f"{len(hz)} tones from {hz.min() / unit_hz:.4g} to {hz.max() / unit_hz:.4g} {unit}"
         return f"<handbench.Capture {self.name}: {frames}, {tones}, {shape} channels>"
 
@@ -235,7 +235,8 @@ class Plottable:
 class Depth(Delegating, Plottable):
     """A depth map in the radar's frame: pixel centres x_m [nx], y_m [ny], metres; depths z_m [ny,
     nx], metres, NaN where no surface was observed; and amplitudes amplitude_db [ny, nx]. It has all
-    attributes of `DepthMap`, as velocity_m_s [ny, nx] of methods that measure radial velocities.
+    attributes of `DepthMap`, as velocity_m_s [ny, nx] of methods that measure radial velocities,
+    and save(FILE), which writes the .npz that docs/files.md describes.
 
     Args:
         map: the depth map as `DepthMap`.
@@ -256,14 +257,6 @@ class Depth(Delegating, Plottable):
         return (
             f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
         )
-
-    def save(self, file: File) -> None:
-        """Write the depth map to a file.
-
-        Args:
-            file: path of the .npz file, described in docs/files.md; an existing file is replaced.
-        """
-        self.map.save(file)
 
     def _figure(self) -> Figure:
         from handbench.bench.results.maps import SurfaceMap
@@ -336,10 +329,6 @@ class Score(dict[str, float | None], Plottable):
 
     def __missing__(self, name: str) -> NoReturn:
         raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self))}")
-
-    def __repr__(self) -> str:
-        figures = (f"{name} {value:.4g}" for name, value in self.items() if value is not None)
-        return f"<handbench.Score {', '.join(figures)}>"
 
     def _figure(self) -> Figure:
         from handbench.reports.figures.depth_maps import methods_figure

@@ -91,10 +91,8 @@ def report(options: argparse.Namespace) -> None:
     from handbench.reports.page.html import build, build_several
 
     free_folder(options.out, True, ("index.html", "*"))
-    if len(options.results) == 1:
-        first = build(options.results[0], options.out)
-    else:
-        first = build_several(options.results, options.out)
+    one, *others = options.results
+    first = build_several(options.results, options.out) if others else build(one, options.out)
     print_lines(f"report: {first}")
 
 

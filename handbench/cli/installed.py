@@ -43,7 +43,10 @@ def list_entries(options: argparse.Namespace) -> None:
         if options.name is None:
             _print_lines(section, entries.values())
         elif options.name in entries:
-            _print_in_full(entries[options.name])
+            entry = entries[options.name]
+            print_lines(f"{entry.name}: {entry.summary}")
+            for term, meaning in entry.details.items():
+                print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
         else:
             hint = suggest(options.name, list(entries))
             raise HandbenchError(f"list {section}: has no '{options.name}'; {hint}")
@@ -60,27 +63,19 @@ def _print_lines(section: str, entries: Iterable[Entry]) -> None:
         print_lines(f"  {entry.name:<{TERM}}  {text}")
 
 
-def _print_in_full(entry: Entry) -> None:
-    print_lines(f"{entry.name}: {entry.summary}")
-    for term, meaning in entry.details.items():
-        print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
-
-
 def _sections() -> dict[str, list[Entry]]:
     """Return the sections of the list, by their names on the command line."""
-    metrics = ((METRICS[key], definition) for key, definition in definitions().items())
-    readers = FOREIGN | IMPORTERS
     return {
         "methods": [_method(method) for method in METHODS.values()],
         "metrics": [
-            Entry(metric.key, f"{metric.title} ({metric.unit})", {"definition": definition})
-            for metric, definition in metrics
+            Entry(key, f"{METRICS[key].title} ({METRICS[key].unit})", {"definition": definition})
+            for key, definition in definitions().items()
         ],
         "benchmarks": [_benchmark(file) for file in embedded_benchmarks().values()],
         "effects": [Entry(effect.id, effect.does, {"source": effect.source}) for effect in EFFECTS],
         "datasets": [
             Entry(name, " ".join((reader.__doc__ or "").split()).partition(". ")[0])
-            for name, reader in readers.items()
+            for name, reader in (FOREIGN | IMPORTERS).items()
         ],
         "poses": [Entry("letters", " ".join(POSES))],
     }

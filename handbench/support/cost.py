@@ -6,6 +6,7 @@ import platform
 import re
 import threading
 import time
+import timeit
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,10 +20,9 @@ import psutil
 from handbench.support.errors import HandbenchError
 from handbench.support.parallel import setting
 
-LITTLE_BYTES = 2**26  # of memory, which every machine has
 SAMPLE_S = 0.05
 GEMM_SIZE = 1024  # large enough for the full rate, too small to show in a stage's peak memory
-GEMM_S = 0.1
+PRODUCTS = 6  # of which the first makes threads and buffers
 
 
 @dataclass
@@ -78,9 +78,11 @@ def machine() -> dict[str, Any]:
     ("host"), processor, number of cores, memory_gb, operating system, version of Python, and its
     rate of matrix products ("gemm_gflops"), by which times of different machines can be
     compared."""
+    facts = Path("/proc/cpuinfo").read_text("utf-8", "replace")
+    named = re.search(r"model name\s*:\s*(.*)", facts)
     return {
         "host": platform.node(),
-        "processor": _processor(),
+        "processor": named[1] if named else platform.machine(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
         "system": platform.platform(),
@@ -89,24 +91,12 @@ def machine() -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
-    """Return the name of the processor, as Linux tells it."""
-    facts = Path("/proc/cpuinfo").read_text("utf-8", "replace")
-    named = re.search(r"model name\s*:\s*(.*)", facts)
-    return named[1] if named else platform.machine()
-
-
 def gemm_gflops() -> float:
-    """Measure the rate of float32 matrix products on all cores, GFLOP/s.
-    The best rate within a tenth of a second is returned, because other work on the machine can only
-    lower it."""
+    """Measure the rate of float32 matrix products on all cores, GFLOP/s: the best of several,
+    because other work on the machine can only lower it."""
     generator = np.random.default_rng(0)
     a, b = (generator.standard_normal((GEMM_SIZE, GEMM_SIZE), dtype=np.float32) for _ in range(2))
-    np.matmul(a, b)  # threads and buffers are made once
-    best_s, end = float("inf"), time.perf_counter() + GEMM_S
-    while (start := time.perf_counter()) < end:
-        np.matmul(a, b)
-        best_s = min(best_s, time.perf_counter() - start)
+    best_s = min(timeit.repeat(lambda: np.matmul(a, b), repeat=PRODUCTS, number=1))
     return 2e-9 * GEMM_SIZE**3 / best_s
 
 
@@ -114,8 +104,6 @@ def require_memory(needed_bytes: float, what: str, advice: str) -> None:
     """Raise a HandbenchError for work that needs more memory than HANDBENCH_MEMORY_GB, or, if that
     is not set, than is free now.
     The message begins with `what`, the work, and ends with `advice`."""
-    if needed_bytes < LITTLE_BYTES and not os.environ.get("HANDBENCH_MEMORY_GB"):
-        return  # to ask the system takes longer than such work
     free_gb = psutil.virtual_memory().available / 1e9
     most_gb = setting("HANDBENCH_MEMORY_GB", free_gb, "number of gigabytes")
     if needed_bytes > 1e9 * most_gb:

@@ -22,6 +22,7 @@ from threadpoolctl import ThreadpoolController
 from handbench.support.errors import HandbenchError
 
 PR_SET_PDEATHSIG = 1  # of Linux's prctl: the signal that a process gets when its parent ends
+HIDDEN = {"__file__", "__spec__"}  # of a script
 Item = TypeVar("Item")
 Number = TypeVar("Number", int, float)
 
@@ -118,9 +119,8 @@ def script_left_out() -> Iterator[None]:
     script = sys.modules["__main__"]
     # of two threads the second would take what the first has hidden for what the script has
     with _hiding:
-        names: list[str] = [name for name in ("__file__", "__spec__") if name in vars(script)]
-        hidden = {name: vars(script)[name] for name in names}
-        vars(script).update(dict.fromkeys(names))
+        hidden = {name: vars(script)[name] for name in HIDDEN & vars(script).keys()}
+        vars(script).update(dict.fromkeys(hidden))
         try:
             yield
         finally:

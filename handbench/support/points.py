@@ -26,22 +26,18 @@ def nearest_majority(
     all points are returned.
     """
     best, least = np.arange(count), np.inf
-    for triple in _triples(count):
+    if comb(count, 3) <= TRIPLES:
+        triples = [np.array(triple) for triple in combinations(range(count), 3)]
+    else:
+        rng = np.random.default_rng(0)  # the same points give the same transform
+        triples = [rng.choice(count, 3, replace=False) for _ in range(TRIPLES)]
+    for triple in triples:
         if usable(triple):
             squares = residuals(triple) ** 2
             nearest = np.argsort(squares, kind="stable")[:needed]
             if squares[nearest].sum() < least and usable(nearest):
                 best, least = nearest, squares[nearest].sum()
     return best
-
-
-def _triples(count: int) -> np.ndarray:
-    """Return triples of indices below `count`: [m, 3]. They are all triples or, if there are more
-    than TRIPLES, as many random ones, which are the same in every run."""
-    if comb(count, 3) <= TRIPLES:
-        return np.array(list(combinations(range(count), 3)))
-    rng = np.random.default_rng(0)  # the same points give the same transform
-    return np.array([rng.choice(count, 3, replace=False) for _ in range(TRIPLES)])
 
 
 def voxels(points_m: np.ndarray, size_m: float, shift: np.ndarray | float = 0.0) -> np.ndarray:

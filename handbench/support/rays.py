@@ -3,6 +3,7 @@
 import ctypes
 import sys
 from functools import cache
+from importlib import import_module
 from types import ModuleType
 from typing import Any, TypeAlias
 
@@ -22,12 +23,9 @@ WINDOWS = "open3d.visualization"  # which imports a web server
 def _windows(name: str) -> ModuleType:
     """Import open3d.visualization, which `load_open3d` leaves out, when it is first used; return
     it. Raises AttributeError for any other name."""
-    if f"open3d.{name}" != WINDOWS:
-        raise AttributeError(f"module 'open3d' has no attribute '{name}'")
-    import open3d.visualization
-
-    found: ModuleType = open3d.visualization
-    return found
+    if f"open3d.{name}" == WINDOWS:
+        return import_module(WINDOWS)
+    raise AttributeError(f"module 'open3d' has no attribute '{name}'")
 
 
 @cache

@@ -184,9 +184,10 @@ def cached(root: Path, stage: Stage, facts: dict[str, Any] | None = None) -> tup
         # in a process of its own or not, sums of matrices are the same
         with measured() as cost, one_blas_thread() if stage.shares else nullcontext():
             stage.function(temporary, **stage.arguments)
-        stamp = asdict(cost) | {"machine": facts}
+        cost.machine = facts
+        stamp = asdict(cost)
         write_json(temporary / STAMP, {**stamp, "content": _digest(temporary, stamp)})
-    return Cost(**stamp), False
+    return cost, False
 
 
 def _digest(folder: Path, stamp: dict[str, Any]) -> str:
@@ -240,15 +241,11 @@ def drop(folder: Path, names: Sequence[str]) -> None:
     """Delete files and folders in a folder before they are written again: those with the given
     names, in this order."""
     with writable(folder):
-        for name in names:
-            _remove(folder / name)
-
-
-def _remove(path: Path) -> None:
-    if is_owned_folder(path):
-        shutil.rmtree(path)  # by handles: it follows no link below either
-    elif require_owned(path) is not None:
-        path.unlink(missing_ok=True)
+        for path in (folder / name for name in names):
+            if is_owned_folder(path):
+                shutil.rmtree(path)  # by handles: it follows no link below either
+            elif require_owned(path):
+                path.unlink()
 
 
 @contextmanager
@@ -261,7 +258,7 @@ def locked(folder: Path) -> Iterator[Path]:
     but no marker, if another run is writing to it, or if something in it or in `work` is not a file
     or folder of this user.
     """
-    there = sorted(folder.iterdir()) if folder.is_dir() else []
+    there = [*folder.iterdir()] if folder.is_dir() else []
     if there and folder / MARKER not in there:
         raise HandbenchError(
             f"{folder}: has files that handbench did not write; choose an empty or new folder for "

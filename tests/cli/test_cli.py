@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.cells import cell_len
 
+from handbench import __main__
 from handbench.bench.datasets.native import NativeCapture
 from handbench.cli.main import main
 from handbench.cli.options import COMMANDS
@@ -35,6 +36,8 @@ REFUSALS = [  # a command line, and places of its one line; `made` is the folder
     ("calibrate capture -o x.txt", "x.txt", ".json"),
     ("reconstruct missing -o out.npz --method 2fsk", "missing"),
     (f"{IMAGE} 3fks", "'3fks'", "'3fsk'"),
+    (f"{IMAGE} fsk3", "'fsk3'", "'3fsk'"),
+    (f"{IMAGE} 3fsk --tolerance 5", "--tolerance", "5", "1e-3"),
     (f"{IMAGE} 2fsk --set treshold_db=-9", "treshold_db", "'threshold_db'"),
     (f"{IMAGE} 2fsk --check 5", "2fsk", "--check"),
     (f"{IMAGE} 2fsk --volume x.txt", "x.txt", ".npz"),
@@ -143,6 +146,14 @@ def test_an_interrupt_and_no_memory_are_one_line_and_leave_nothing(
     command = ["reconstruct", str(made / "capture"), "--method", "2fsk", *PIXELS]
     assert main([*command, "-o", str(tmp_path / "depth.npz")]) == code
     assert printed in capsys.readouterr().err.splitlines()[-1] and not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_while_the_command_line_is_imported_is_one_line(monkeypatch, capsys):
+    def stop():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("handbench.cli.main.main", stop)
+    assert __main__.main() == 130 and capsys.readouterr().err.count("\n") == 1
 
 
 @pytest.mark.parametrize(

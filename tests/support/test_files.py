@@ -145,7 +145,7 @@ TORN = WHOLE[:200] + b"\0" * 50 + WHOLE[250:]
         (npz, b"PK", ".npz"),
         (npz, TORN, ".npz"),
         (npz, stored(np.save, arr=np.zeros(3)), ".npz"),
-        (partial(read_npz, names=("z_m", "x_m")), WHOLE, "x_m"),
+        (partial(read_npz, names=("z_m", "x_m")), WHOLE, "no x_m"),
         (partial(require_file, what="photos"), None, "photos"),
         (partial(require_folder, what="photos"), b"", "photos"),
     ],

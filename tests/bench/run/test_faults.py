@@ -16,7 +16,6 @@ from handbench.groundtruth.mesh.surface import load_open3d, write_mesh
 from handbench.radar.data.arrays import AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.echoes_file import load_capture, save_capture
-from handbench.support import cost
 from handbench.support.store import MARKER, locked
 from tests.bench.run.faults import content, execute, figures, files_of_at_most, instant
 from tests.refusals import refuse, refuse_command
@@ -79,7 +78,6 @@ def test_echoes_beyond_memory_are_refused_before_it_is_taken(tmp_path, monkeypat
     monkeypatch.delenv("HANDBENCH_MEMORY_GB", raising=False)
     free = namedtuple("Free", "available total")(1e6, 1e7)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: free)
-    monkeypatch.setattr(cost, "LITTLE_BYTES", 0)  # which every machine has
     tracemalloc.start()
     try:
         refuse(lambda: load_capture(tmp_path / "echoes.h5"), "echoes.h5", "0.0048 GB")
