@@ -91,7 +91,7 @@ fuzz: setup
 	  --hypothesis-seed $(or $(SEED),random)
 
 bench: setup
-	$(BIN)/python -m handbench.bench.studies engine -o runs/bench.json
+	$(BIN)/python -m handbench.bench.studies -o runs/bench.json
 
 lint: setup
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""The studies run, and write what the product and the documentation read."""
+"""The study of fast imaging and simulation runs."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,8 @@ from handbench.radar.methods.fsk import Fsk
 from handbench.radar.simulation.forward import Scatterers
 
 
-def engine(out):
+@pytest.mark.slow
+def test_fast_sums_are_within_their_tolerance_of_exact_ones():
     """On a small volume, with few antennas and scatterers."""
     few = np.random.default_rng(0).uniform(-0.01, 0.01, (60, 3)) + [0, 0, 0.29]
     side, depth = (Axis(start_m=a, stop_m=b, step_m=2e-3) for a, b in ((-0.02, 0.02), (0.28, 0.3)))
@@ -22,20 +23,3 @@ def engine(out):
     rows = [studies.measure(case, repeats=1) for case in cases]
     assert len(rows) == 3 and all(row["relative_error"] < studies.TOLERANCE for row in rows)
     assert all(row["ratio_to_exact"] > 0 for row in rows)
-
-
-def noise_fit(out):
-    """A plate, whose strongest pixel needs about 4 mrad for 0.5 mm."""
-    scene = 'version = 1\nname = "plate"\ntarget = { kind = "plate", edge_m = 5e-3 }\n'
-    (out / "plate.toml").write_text(scene)
-    (out / "bench.toml").write_text(
-        'version = 1\nname = "fit"\nrepeats = 5\n[[method]]\nid = "2fsk"\n'
-        '[[capture]]\nscene = "plate.toml"\nmeasures = ["accuracy", "precision"]\n'
-    )
-    assert 1e-4 < studies.fit(str(out / "bench.toml"), 0.5) < 0.1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("study", [engine, noise_fit])
-def test_a_study_runs(study, tmp_path):
-    study(tmp_path)
