@@ -187,9 +187,9 @@ def import_capture(kind: str, path: Path, folder: Path, /, **settings: Any) -> N
         raise HandbenchError(f"--set: the data set '{kind}' has no settings; leave --set out")
     capture = open_capture(path)
     if not isinstance(capture, FOREIGN[kind]):
-        own = [name for name, kept in FOREIGN.items() if isinstance(capture, kept)]
-        cure = f"use `handbench import {own[0]}`" if own else "every command reads it as it is"
-        raise HandbenchError(f"{path}: is not a capture of '{kind}'; {cure}")
+        raise HandbenchError(
+            f"{path}: is not a capture of '{kind}'; every command reads it as it is"
+        )
     about, mesh, transform = capture.about, capture.mesh(), capture.transform()
     with atomic_folder(folder) as temporary:
         save_capture(temporary / ECHOES, capture.echoes())

@@ -260,10 +260,8 @@ class MaroonCapture(NativeCapture):
     def _frames(self, count: int | None) -> list[Path]:
         """Return the files of the first `count` frames (None: all); the first one's name if there
         are none."""
-        folder, ending = (
-            self.radar / FRAMES,
-            f"_{EMPTY_FILTERED}.npy" * self.empty_filtered or ".npy",
-        )
+        folder = self.radar / FRAMES
+        ending = f"_{EMPTY_FILTERED}.npy" if self.empty_filtered else ".npy"
         files = sorted(folder.glob(f"{6 * '[0-9]'}{ending}")) or [folder / f"000000{ending}"]
         return files[:count]
 

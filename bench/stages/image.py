@@ -71,7 +71,8 @@ def prepare(
     for frame in frames:
         if not 0 <= frame < (count := len(echoes.samples)):
             raise HandbenchError(
-                f"frame {frame}: does not exist; the capture has frames 0 to {count - 1}"
+                f"frame {frame}: does not exist; the capture has frames 0 to {count - 1} (a "
+                "benchmark's precision needs as many as its `repeats`)"
             )
         require_evidence(echoes, settings, frame)
     return ImagingTask(chosen, settings, echoes)

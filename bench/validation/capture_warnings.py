@@ -5,10 +5,10 @@ No mistake is certain. All checks take little time compared with the hours that 
 
 Conjugation is tested without a reference. A coarse image is made of the echoes as they are, and one
 of their conjugates; the sharper one is taken as right, by Σ|I|⁴ / (Σ|I|²)² (Muller & Buffington, J.
-Opt. Soc. Am. 64 (1974) 1200). If none is, the middle of a scan is imaged, with voxels as small as
-its focus, and what is nearer than the scan is wide among them. The order of antennas and tones is
-tested with a surface: a corrected capture must bring the strongest pixels of the depth map much
-nearer to it.
+Opt. Soc. Am. 64 (1974) 1200). If none is, the middle of the aperture is imaged, with voxels as
+small as its focus, and what is nearer than the aperture is wide among them. The order of antennas
+and tones is tested with a surface: a corrected capture must bring the strongest pixels of the depth
+map much nearer to it.
 """
 
 from collections import defaultdict
@@ -44,8 +44,6 @@ from handbench.radar.methods.evidence import frame_problems, shortest_m
 from handbench.radar.methods.fsk import Fsk
 from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
-from handbench.radar.methods.settings import MethodSettings
-from handbench.support.config import Config
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
 from handbench.support.progress import say
@@ -62,7 +60,7 @@ POSITIONS = 200
 TONES = 16
 # an array deeper than this share of its width may surround its target; no conjugation is checked
 SHALLOW = 0.3
-MIDDLE = 6.0  # wavelengths from the middle of a scan to the edge of the part that is imaged
+MIDDLE = 7.0  # wavelengths from the middle of an aperture to the edge of the part imaged
 # the box imaged, in apertures: to either side, and along z from and to
 WIDE = 0.85
 NEAR = 1.0
@@ -74,6 +72,7 @@ WRONG_STEP = 0.05  # of a scan: what a point's range bends by otherwise, if it i
 GOOD_MM = 1.0  # median error of an image that needs no correction
 NEAR_MM = 3.0  # of a corrected one, at most
 FALLEN = 3.0  # how many times smaller it must then be
+LOST_MM = 30.0  # median error of an image that does not show the surface at all
 
 
 @stage(
@@ -108,8 +107,9 @@ def method_warnings(maps: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
     for name, file in maps:
         files[name].append(file)
     warnings = {name: [*doubt(map(load_depthmap, of))] for name, of in files.items()}
-    for name, text in ((name, text) for name, texts in warnings.items() for text in texts):
-        say(f"{name}: {text}")
+    for name, texts in warnings.items():
+        for text in texts:
+            say(f"{name}: {text}")
     return {name: texts for name, texts in warnings.items() if texts}
 
 
@@ -127,32 +127,30 @@ def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
     yield from recorded.warnings()
     yield from step_warnings(echoes)
     surface = recorded.surface()
-    start_m = 0.0 if surface is None else float(np.median(surface.vertices_m[:, 2]))
+    start_m = float(np.median(surface.vertices_m[:, 2])) if surface else 0.0
     begun = {FIRST: start_m} if 0 < start_m < FAR_M else {}
     image = partial(_depth_map, recorded.folder, begun)
     imaged = image(echoes)
-    as_is_mm = np.inf if imaged is None or surface is None else error_mm(imaged[0], surface)
+    as_is_mm = error_mm(imaged, surface) if imaged and surface else np.inf
     if as_is_mm <= GOOD_MM:
         return  # the image is on its surface: no further check
     conjugated = list(conjugation_warnings(echoes))
     yield from conjugated
     if conjugated or imaged is None:
         return
-    yield from warnings_of(with_p_gross(imaged[0], echoes, imaged[1]), MAP)
-    if surface is not None:
+    yield from warnings_of(imaged, MAP)
+    if surface:
         yield from order_warnings(echoes, image, surface, as_is_mm)
 
 
-def _depth_map(
-    folder: Path, begun: dict[str, Any], capture: RadarCapture
-) -> tuple[DepthMap, MethodSettings] | None:
-    """Image a capture by the first method of PROBES that can use its tones: (depth map,
-    configuration); None if no method can. begun: the first depth, for methods that have one."""
+def _depth_map(folder: Path, begun: dict[str, Any], capture: RadarCapture) -> DepthMap | None:
+    """Image a capture by the first method of PROBES that can use its tones; None if no method can.
+    begun: the first depth, for methods that have one."""
     for name in PROBES:
         begun_here = begun if isinstance(method(name).defaults, Fsk) else {}
         config = configuration(folder, name, begun_here)
         try:
-            return method(name).run(capture, config, 0), config
+            return with_p_gross(method(name).run(capture, config, 0), capture, config)
         except HandbenchError:
             continue
     return None
@@ -178,18 +176,26 @@ def conjugation_warnings(capture: RadarCapture) -> Iterator[str]:
 
 
 def _parts(capture: RadarCapture) -> Iterator[RadarCapture]:
-    """Yield a capture and, of a scan, the channels at most MIDDLE wavelengths beside the stop that
-    is next to its middle."""
+    """Yield a capture, and the channels whose stops, or transmitters and receivers, are at most
+    MIDDLE wavelengths beside the one that is next to the middle."""
     yield capture
-    aperture = capture.aperture
-    if isinstance(aperture, AntennaArray):
-        return
-    stops_m = (aperture.tx_m + aperture.rx_m) / 2
-    middle_m = stops_m[np.linalg.norm(stops_m - stops_m.mean(axis=0), axis=1).argmin()]
-    near = (np.abs(stops_m - middle_m) <= MIDDLE * shortest_m(capture)).all(axis=1)
-    if not near.all():
-        part = replace(aperture, tx_m=aperture.tx_m[near], rx_m=aperture.rx_m[near])
-        yield replace(capture, samples=capture.samples[..., near], aperture=part)
+    array, samples = capture.aperture, capture.samples
+    if isinstance(array, AntennaArray):
+        tx, rx = (_near_middle(capture, ends_m) for ends_m in (array.tx_m, array.rx_m))
+        samples = samples[:, :, tx][..., rx]
+    else:
+        tx = rx = _near_middle(capture, (array.tx_m + array.rx_m) / 2)
+        samples = samples[..., tx]
+    if samples.size < capture.samples.size and samples[0].any():
+        yield replace(
+            capture, samples=samples, aperture=type(array)(array.tx_m[tx], array.rx_m[rx])
+        )
+
+
+def _near_middle(capture: RadarCapture, ends_m: np.ndarray) -> np.ndarray:
+    """Return which of the ends [n, 3] of a capture's channels are next to its middle: bool [n]."""
+    off_m = np.linalg.norm(ends_m - places_m(capture).mean(axis=0), axis=1)
+    return (np.abs(ends_m - ends_m[off_m.argmin()]) <= MIDDLE * shortest_m(capture)).all(axis=1)
 
 
 def step_warnings(capture: RadarCapture) -> Iterator[str]:
@@ -209,21 +215,21 @@ def step_warnings(capture: RadarCapture) -> Iterator[str]:
 
 def order_warnings(
     capture: RadarCapture,
-    image: Callable[[RadarCapture], tuple[DepthMap, Config] | None],
+    image: Callable[[RadarCapture], DepthMap | None],
     surface: Surface,
     as_is_mm: float,
 ) -> Iterator[str]:
     """Yield a warning if the image of a capture is much nearer to its surface with transmitters and
-    receivers or x and y exchanged, or with the tones in reverse order. image: makes a depth map of
-    a capture; as_is_mm: `error_mm` without correction."""
+    receivers or x and y exchanged, or with the tones in reverse order, and if it is far away
+    without. image: makes a depth map of a capture; as_is_mm: `error_mm` without correction."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
-        turned, places_m = "tx and rx", (array.rx_m, array.tx_m)
+        turned, ends_m = "tx and rx", (array.rx_m, array.tx_m)
         cure = "exchange tx_m and rx_m, or these axes of the samples"
     else:
-        turned, places_m = "x and y", (array.tx_m[:, [1, 0, 2]], array.rx_m[:, [1, 0, 2]])
+        turned, ends_m = "x and y", (array.tx_m[:, [1, 0, 2]], array.rx_m[:, [1, 0, 2]])
         cure = "exchange these columns of the positions"
-    exchanged = replace(array, tx_m=places_m[0], rx_m=places_m[1])
+    exchanged = replace(array, tx_m=ends_m[0], rx_m=ends_m[1])
     corrections = (
         (
             "the tones in reverse order",
@@ -232,9 +238,32 @@ def order_warnings(
         ),
         (f"{turned} exchanged", cure, replace(capture, aperture=exchanged)),
     )
-    for mistake, cure, corrected in corrections:
-        imaged = image(corrected)
-        mended_mm = np.inf if imaged is None else error_mm(imaged[0], surface)
+    maps = ((mistake, cure, image(corrected)) for mistake, cure, corrected in corrections)
+    nearer = [*nearer_warnings(maps, surface, as_is_mm)]
+    yield from nearer
+    if not nearer and as_is_mm > LOST_MM:
+        yield (
+            f"most of the strongest pixels are beside the surface, or more than {LOST_MM:g} mm off "
+            "it; check the surface, its transform, and the order of antennas and tones"
+        )
+
+
+def mirror_warnings(depth: DepthMap, surface: Surface) -> Iterator[str]:
+    """Yield a warning if a depth map is much nearer to a surface when it is mirrored."""
+    maps = (
+        ("its rows in reverse order", "reverse y_m", replace(depth, y_m=depth.y_m[::-1])),
+        ("its columns in reverse order", "reverse x_m", replace(depth, x_m=depth.x_m[::-1])),
+    )
+    return nearer_warnings(maps, surface, error_mm(depth, surface))
+
+
+def nearer_warnings(
+    corrected: Iterable[tuple[str, str, DepthMap | None]], surface: Surface, as_is_mm: float
+) -> Iterator[str]:
+    """Yield a warning about the first correction whose depth map is much nearer to a surface than
+    without correction. corrected: a mistake, its cure, and the depth map without it, if any."""
+    for mistake, cure, depth in corrected:
+        mended_mm = np.inf if depth is None else error_mm(depth, surface)
         if mended_mm < NEAR_MM and FALLEN * mended_mm < as_is_mm:
             yield (
                 f"with {mistake} the median distance of the depths to the surface would be only "
@@ -252,12 +281,8 @@ def error_mm(depth: DepthMap, surface: Surface) -> float:
         z_m = reference_on_grid(surface, depth.x_m, depth.y_m).z_m.ravel()[strongest]
     except HandbenchError:  # larger than anything before a radar
         return np.inf
-    off_m = np.abs(depth.z_m.ravel()[strongest] - z_m)
-    return (
-        1e3 * float(np.median(np.where(np.isfinite(off_m), off_m, np.inf)))
-        if len(off_m)
-        else np.inf
-    )
+    off_m = np.nan_to_num(np.abs(depth.z_m.ravel()[strongest] - z_m), nan=np.inf, posinf=np.inf)
+    return 1e3 * float(np.median(off_m)) if off_m.size else np.inf
 
 
 def sharpness_db(capture: RadarCapture) -> float:

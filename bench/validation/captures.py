@@ -132,7 +132,7 @@ def board_warnings(
         seen = detect_corners(photo, board)
         if len(seen) < FEWEST_SEEN:
             continue
-        size = (photo.width, photo.height)
+        size = photo.width, photo.height
         focal_px = camera.params[0] if camera else focal_length_px([seen], size, board)
         board_m = np.linalg.norm(np.std([corners_m[id][k] for id, k in seen], axis=0))
         board_px = np.linalg.norm(np.std([*seen.values()], axis=0))

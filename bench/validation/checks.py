@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M, CaptureFile
+from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.capture import scaled_to_one
 from handbench.radar.data.depthmap import FLAGGED
 from handbench.radar.methods.evidence import (
     channel_problems,
     leakage_problems,
     lost_problems,
     pair_problems,
+    shortest_m,
 )
 from handbench.support.errors import HandbenchError, printable
 
@@ -36,17 +39,19 @@ MOST_WAVELENGTHS = 1000.0
 LEAST_WAVELENGTHS = 0.25
 FEWEST_PLACES = 4  # antennas that may span less than LEAST_WAVELENGTHS
 FLAT = 0.05  # of an array's largest extent: thinner, it is a plane
+FEWEST_IN_ORDER = 8  # antennas, fewer of which may be similar by chance
+SIMILAR = 0.7  # coherence that two antennas' echoes of a large target have only side by side
 SMALL_M = 5e-3  # a surface that small is likelier in another unit
 OPEN_PERCENT = 10  # of a surface's edges at its rim
 # of an image that nothing near a hand fills, if it is that wide and high
 CROWDED_PERCENT = 50
 WIDE_M = 0.1
+LOUDEST_DB = 0.01  # of a depth map, where rounding may add to 0
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
 CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
 
 Thing = TypeVar("Thing")
-Read = TypeVar("Read")
 
 
 def warnings_of(thing: Thing, checks: Sequence[Callable[[Thing], Iterator[str]]]) -> Iterator[str]:
@@ -88,13 +93,42 @@ def facing(capture: RadarCapture) -> Iterator[str]:
         )
 
 
+def order_of_antennas(capture: RadarCapture) -> Iterator[str]:
+    """Check that neighbours in a dense array have more similar echoes than any two antennas, if the
+    target is so large that only antennas close to each other can have similar ones."""
+    array, samples = capture.aperture, scaled_to_one(capture.samples[0])
+    if not isinstance(array, AntennaArray):
+        return
+    for axis, name in enumerate(("tx_m", "rx_m"), 1):
+        places_m = getattr(array, name)
+        if len(places_m) < FEWEST_IN_ORDER:
+            continue
+        apart_m = np.linalg.norm(places_m[:, None] - places_m, axis=2)
+        nearest = np.argsort(apart_m)[:, 1:2]
+        with np.errstate(invalid="ignore"):  # of dead antennas
+            rows = np.moveaxis(samples, axis, 0).reshape(len(places_m), -1)
+            similar = np.nan_to_num(np.abs(np.corrcoef(rows))) - np.eye(len(rows))
+        best = np.median(similar.max(axis=1))
+        neighbours = np.median(np.take_along_axis(similar, nearest, 1))
+        dense = np.median(np.take_along_axis(apart_m, nearest, 1)) <= shortest_m(capture)
+        if dense and best > SIMILAR and max(neighbours, similar.mean()) < best / 2:
+            yield (
+                f"{name}: the echoes of neighbours are no more similar than those of any two "
+                f"antennas (coherence {neighbours:.2f}), but others' are ({best:.2f}); check that "
+                "positions and samples have the same order"
+            )
+
+
 def missing_frames(capture: RadarCapture, asked: int | None) -> Iterator[str]:
     """Yield a sentence if fewer frames were recorded than are asked for."""
     if asked and (count := len(capture.samples)) < asked:
-        yield f"has {count} of {asked} frames; check that the recording is complete"
+        yield (
+            f"has {count} of {asked} frames; record the others, or, without precision, write "
+            'measures = ["accuracy"] in its [[capture]]'
+        )
 
 
-ARRAY = (units_of_array, facing, lost_problems, leakage_problems)
+ARRAY = (units_of_array, facing, order_of_antennas, lost_problems, leakage_problems)
 CHANNELS = (*ARRAY, channel_problems, pair_problems)
 
 
@@ -129,7 +163,6 @@ def closed(surface: Surface) -> Iterator[str]:
         yield "its triangles are inside out; reverse the order of the vertices of each triangle"
 
 
-SURFACE = (size,)
 MESH = (size, closed)
 
 
@@ -167,29 +200,34 @@ def depths(depth: DepthMap) -> Iterator[str]:
         )
 
 
+def decibels(depth: DepthMap) -> Iterator[str]:
+    """Check that amplitudes are in dB below the largest."""
+    if (most := np.nanmax(depth.amplitude_db, initial=-np.inf)) > LOUDEST_DB:
+        yield (
+            f"amplitude_db is up to {most:.3g}, but is 0 at the strongest pixel; if it has linear "
+            "amplitudes a, write 20·log10(a / max a)"
+        )
+
+
 def flags(depth: DepthMap) -> Iterator[str]:
     """Check that all depths are in front of the radar, and most not in doubt."""
     return doubt([depth])
 
 
-MAP = (focus, depths, flags)
+MAP = (focus, depths, decibels, flags)
 
 
-def figure_warnings(depth: DepthMap, values: Mapping[str, float | int | None]) -> Iterator[str]:
+def figure_warnings(values: Mapping[str, float | int | None]) -> Iterator[str]:
     """Check that the scores of a depth map against a surface are plausible. values: metric →
     value."""
     mean_mm, accuracy = values["mae_mm"], values["relative_accuracy_percent"]
-    if mean_mm is None or accuracy is None:
+    if accuracy is None:
         yield f"no pixel of the depth map is in front of or behind the surface; {CURE}"
         return
-    box = depth.config.get("z")
-    box_mm = np.inf
-    if isinstance(box, dict) and {"start_m", "stop_m"} <= box.keys():
-        box_mm = 1e3 * (box["stop_m"] - box["start_m"])
-    if not 100 - FAR_PERCENT <= accuracy <= 100 or mean_mm > box_mm:
+    if accuracy < 100 - FAR_PERCENT:
         yield (
-            f"the mean error, {mean_mm:.3g} mm, is larger than the depth box or {FAR_PERCENT} % of "
-            f"the distance; {CURE}"
+            f"the mean error, {mean_mm:.3g} mm, is larger than {FAR_PERCENT} % of the distance; "
+            f"{CURE}"
         )
 
 
@@ -245,7 +283,7 @@ class Report:
         self.lines: dict[str, bool] = {}
         self.notes: list[str] = []
 
-    def read(self, place: Path | str, reader: Callable[[], Read]) -> Read | None:
+    def read(self, place: Path | str, reader: Callable[[], Thing]) -> Thing | None:
         """Call `reader` and return its result. If it raises a HandbenchError, add all problems in
         it, and return None. place: the file or folder that is read."""
         try:
@@ -266,7 +304,7 @@ class Report:
             self.lines[f"{place}: warning: {text}"] = True
 
     def check(
-        self, place: Path, thing: Read | None, checks: Sequence[Callable[[Read], Iterator[str]]]
+        self, place: Path, thing: Thing | None, checks: Sequence[Callable[[Thing], Iterator[str]]]
     ) -> None:
         """Add the warnings of checks of a thing that was read from a file or folder (None: it could
         not be read)."""

@@ -1,5 +1,6 @@
 """Inspection of any file or folder that handbench reads, which reports all problems at once."""
 
+import shutil
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +36,14 @@ from handbench.bench.datasets.ti import is_ti_raw, raw_warnings, read_raw
 from handbench.bench.scenes.scene_file import SceneFile, named_files
 from handbench.bench.stages.image import configured, prepare, required_frames
 from handbench.bench.validation.captures import inspect_capture, inspect_photos, require_reference
-from handbench.bench.validation.checks import CHANNELS, MAP, MESH, Report, result_warnings
+from handbench.bench.validation.checks import (
+    CHANNELS,
+    MAP,
+    MESH,
+    Report,
+    result_warnings,
+    units_of_array,
+)
 from handbench.calibration.array_file import load_array
 from handbench.calibration.target import load_target
 from handbench.groundtruth.board import load_board
@@ -64,7 +72,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[s
     "element": (load_target, ()),
     **dict.fromkeys(("marker", "charuco"), (load_board, ())),
 }
-PAPER = ("2fsk", "3fsk", "narrowband", "broadband")
+OFFERED = ("2fsk", "3fsk", "narrowband", "broadband", "nfsk", "joint")
 HAND_M = 0.3  # depth for which a resolution is given, if the description has none
 JSON = "cameras, an array's calibration or a transform"
 
@@ -154,8 +162,8 @@ def _inspect_captures(folders: Sequence[Path], report: Report) -> list[NativeCap
     for folder in track(folders, "captures"):
         if opened := inspect_capture(folder, report):
             capture, echoes = opened
-            if len(folders) == 1:
-                of_methods = {id: configured(capture.about, id, {}) for id in PAPER}
+            if len(folders) == 1 and not [*units_of_array(echoes)]:
+                of_methods = {id: configured(capture.about, id, {}) for id in OFFERED}
                 report.notes += abilities(echoes, capture.about.distance_m or HAND_M)
                 report.notes += methods_of_tones(echoes, of_methods)
             if capture.truth is None and capture.mesh() and not capture.transform():
@@ -190,12 +198,18 @@ def inspect_scene(path: Path, report: Report) -> SceneFile | None:
 def inspect_benchmark(name: str, report: Report) -> list[NativeCapture]:
     """Read a benchmark file with everything that it names, and report the problems of all methods
     and captures. name: as for `find_benchmark`. Returns the captures that can be read."""
+    from handbench.bench.stages.foreign import words  # whose module images
+
     path = find_benchmark(name)
     bench = report.read(path, partial(load, BenchFile, path, "a benchmark description"))
     if bench is None:
         return []
     read = partial(report.read, path)
     entries = [entry for entry in bench.method if read(partial(checked_entry, entry, path))]
+    for entry in entries:
+        if entry.command and not shutil.which(program := words(entry.command, path.parent)[0]):
+            text = f"its command '{program}' is not an installed program; give its path"
+            report.refuse(path, f"method '{entry.label}': {text}")
     methods = read(partial(expanded, entries, path)) or ()
     bench = bench.model_copy(update={"method": methods})
     for origin in bench.calibration:
@@ -257,6 +271,10 @@ def _inspect_source(
             for file in (path.parent / entry.maps / f"{name}.npz" for name in names):
                 depth = report.read(where, partial(_map, bench, file, entry, about))
                 report.check(file, depth, MAP)
+                if depth and recorded and (surface := recorded.surface()):
+                    from handbench.bench.validation.capture_warnings import mirror_warnings
+
+                    report.warn(file, mirror_warnings(depth, surface))
         if not entry.foreign and ("accuracy" in source.measures or entry.precision):
             frames = bench.frames if "accuracy" in source.measures else 1
             report.read(where, partial(_require_imaged, entry, about, echoes, frames))

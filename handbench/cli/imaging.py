@@ -102,7 +102,7 @@ def evaluate(options: argparse.Namespace) -> None:
     depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
     capture = None if options.capture is None else Capture(options.capture)
     score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
-    warnings = [*warnings_of(depth, MAP), *figure_warnings(depth, score)]
+    warnings = [*warnings_of(depth, MAP), *figure_warnings(score)]
     about: dict[str, Any] = {"method": depth.method}
     if options.json:
         about["definitions"] = definitions(score)

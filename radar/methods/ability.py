@@ -37,17 +37,16 @@ def abilities(capture: RadarCapture, z_m: float) -> Iterator[str]:
         f"receivers: resolves {wide_cell_mm:.3g} × {high_cell_mm:.3g} mm at {z_m:g} m (λz/2D)"
     )
     if len(hz) > 1:
-        pairs_hz = np.diff(hz).min(), np.ptp(hz)
-        near_mm, far_mm = (1e3 * SPEED_OF_LIGHT_M_S / 4 / pair_hz for pair_hz in pairs_hz)
+        near_mm, far_mm = 250 * SPEED_OF_LIGHT_M_S / np.array([np.diff(hz).min(), np.ptp(hz)])
         yield (
             f"{len(hz)} tones from {hz[0] / 1e9:.6g} to {hz[-1] / 1e9:.6g} GHz: resolve "
             f"{1e3 * range_cell_m(hz):.3g} mm in depth (c/2B); phases are unambiguous within "
-            f"±{near_mm:.3g} mm between the closest two, ±{far_mm:.2g} mm between the farthest "
+            f"±{near_mm:.0f} mm between the closest two, ±{far_mm:.3g} mm between the farthest "
             "(c/4Δf)"
         )
     frames = capture.samples[different_frames(capture.samples)]
     if len(frames) > 1:
-        noise = frames[1:] - frames[:-1]
+        noise = np.diff(frames, axis=0)
         noise_db = 10 * np.log10((np.abs(noise) ** 2).mean() / 2 / (np.abs(frames) ** 2).mean())
         yield f"noise {noise_db:.0f} dB of the samples, by the differences of {len(frames)} frames"
     else:
@@ -75,8 +74,9 @@ def measured_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
         third = np.abs(further_hz - (tones_hz[0] - CLIMB * np.ptp(pair_hz))).argmin()
         chosen["3fsk"] = {"tones_hz": [*pair_hz.tolist(), float(further_hz[third])], **fsk}
     if np.allclose(steps_hz, steps_hz[0], rtol=1e-3, atol=0):
-        sweep = {"start_hz": float(tones_hz[-1]), "stop_hz": float(tones_hz[0])}
-        chosen["broadband"] = {"tones_hz": {**sweep, "count": len(tones_hz)}}
+        high_hz, *_, low_hz = tones_hz.tolist()
+        sweep = {"start_hz": low_hz, "stop_hz": high_hz, "count": len(tones_hz)}
+        chosen["broadband"] = {"tones_hz": sweep}
     return chosen
 
 
@@ -84,8 +84,13 @@ def methods_of_tones(capture: RadarCapture, settings: dict[str, MethodSettings])
     """Yield a sentence about which methods the tones of a capture allow, and what its description
     needs for others. settings: of each method, by its id."""
     allowed, measured = [], measured_settings(capture.frequencies_hz)
-    if "3fsk" in measured:
-        measured["narrowband"] = {"tones_hz": measured["3fsk"]["tones_hz"]}
+    if fsk := measured.get("3fsk"):
+        first_hz, _, third_hz = tones_hz = fsk["tones_hz"]
+        measured["narrowband"] = {"tones_hz": tones_hz}
+        lowest_hz = float(capture.frequencies_hz.min())
+        if lowest_hz < 2 * third_hz - first_hz:
+            tones_hz = [*tones_hz, lowest_hz]
+        measured |= dict.fromkeys(("nfsk", "joint"), fsk | {"tones_hz": tones_hz})
     for id, each in settings.items():
         try:
             needed_tones(capture, each)

@@ -93,8 +93,10 @@ def frame_problems(samples: np.ndarray) -> Iterator[str]:
     that repeat an earlier one."""
     alive, different = frames_with_echoes(samples), different_frames(samples)
     if silent := [*({*range(len(samples))} - {*alive})]:
-        which = _numbered(silent, len(samples), "frames")
-        yield f"{which} have no echo; the recording may have been cut short"
+        yield (
+            f"{_numbered(silent, len(samples), 'frames')} have no echo; the recording may have "
+            "been cut short"
+        )
     if repeated := [*({*alive} - {*different})]:
         yield (
             f"{_numbered(repeated, len(samples), 'frames')} repeat an earlier one up to a "
@@ -189,8 +191,10 @@ def channel_problems(capture: RadarCapture) -> Iterator[str]:
     yield from frame_problems(capture.samples)
     yield from level_problems(capture)
     for frame, samples in enumerate(capture.samples):
-        tones = tone_problems(samples, capture.frequencies_hz) if samples.any() else ()
-        if dead := [*tones, *antenna_problems(capture, frame)]:
+        if not samples.any():
+            continue
+        tones = tone_problems(samples, capture.frequencies_hz)
+        if dead := [*tones, *antenna_problems(samples)]:
             yield from (f"frame {frame}: {problem}" for problem in dead)
             return  # further frames are likely to have the same
 
@@ -205,16 +209,13 @@ def pair_problems(capture: RadarCapture) -> Iterator[str]:
         )
 
 
-def antenna_problems(capture: RadarCapture, frame: int = 0) -> Iterator[str]:
+def antenna_problems(samples: np.ndarray) -> Iterator[str]:
     """Yield sentences for the user about transmitters, receivers or scan positions that have no
-    echo at any tone of a frame."""
-    live = capture.samples[frame].any(axis=0)
-    if not live.any():
-        return
-    ways: dict[str, np.ndarray] = {"positions": live}
+    echo at any tone of a frame with echoes. samples [f, …]: those of the frame."""
+    live = np.asarray(samples.any(axis=0))
+    ways = {"positions": live}
     if live.ndim == 2:
-        sent, received = live.max(axis=1), live.max(axis=0)
-        ways = {"transmitters": sent, "receivers": received}
+        ways = {"transmitters": live.max(axis=1), "receivers": live.max(axis=0)}
     for name, alive in ways.items():
         if dead := np.flatnonzero(~alive).tolist():
             yield (
@@ -242,10 +243,9 @@ def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
     """
     live = capture.samples[frame].any(axis=0).ravel()
     tx_m, rx_m = channel_ends(capture.aperture)
-    middle_m = (tx_m[live] + rx_m[live]) / 2
+    middle_m = (tx_m + rx_m)[live, :2] / 2
     if len(middle_m) == 0:
         return np.zeros(3)
-    middle_m = middle_m[:, :2]
     _, axes = np.linalg.eigh(np.cov(middle_m.T, bias=True))
     return np.append(np.ptp(middle_m, axis=0), np.ptp(middle_m @ axes[:, 0]))
 

@@ -81,36 +81,28 @@ def test_x_grows_to_the_left_and_y_upwards_on_every_panel():
         assert axis.xaxis_inverted() and not axis.yaxis_inverted()
 
 
-def flat(z_m, config) -> DepthMap:
+def flat(z_m) -> DepthMap:
     """A map of one depth, all of it on target."""
     axis_m = np.linspace(-0.05, 0.05, 40)
     depths = np.full((40, 40), z_m), np.zeros((40, 40), np.float32)
-    return DepthMap(axis_m, axis_m, *depths, "broadband", config)
+    return DepthMap(axis_m, axis_m, *depths, "broadband")
 
 
 def test_warnings_come_first(shown, tmp_path, capsys):
     """A map ten times as far as the ball."""
-    flat(3.0, {}).save(tmp_path / "far.npz")
+    flat(3.0).save(tmp_path / "far.npz")
     assert main(["evaluate", str(tmp_path / "far.npz"), "--mesh", str(shown / "mesh.ply")]) == 0
     printed = capsys.readouterr()
     assert next(iter(json.loads(printed.out))) == "warnings"
     assert "far.npz: " in printed.err and "100 %" in printed.err
 
 
-@pytest.mark.parametrize(
-    ("config", "z_m", "words"),
-    [
-        ({"z": {"start_m": 0.28, "stop_m": 0.29}}, 0.31, "20 mm"),
-        ({}, 0.34, "50 mm"),
-        ({}, np.nan, "no pixel"),
-        ({}, 0.301, ""),
-    ],
-)
-def test_figures_that_can_hardly_be_are_warned_of(config, z_m, words):
+@pytest.mark.parametrize(("z_m", "words"), [(0.34, "50 mm"), (np.nan, "no pixel"), (0.301, "")])
+def test_figures_that_can_hardly_be_are_warned_of(z_m, words):
     """Of a surface at 0.29 m."""
-    depth = flat(z_m, config)
+    depth = flat(z_m)
     errors = error_map(depth.x_m, depth.y_m, depth.z_m, np.full((40, 40), 0.29))
-    [*warnings] = figure_warnings(depth, figures(errors))
+    [*warnings] = figure_warnings(figures(errors))
     assert len(warnings) == bool(words) and all(words in warning for warning in warnings)
 
 

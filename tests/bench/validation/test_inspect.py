@@ -142,6 +142,11 @@ BENCHES = {
         ("b.toml: 'ball' '2fsk' frame 1", "a: warning: 1 9"),
     ),
     "a truth value": ('seed = true\n[[capture]]\npath = "a"', "", ("b.toml: 'seed' True",)),
+    "command": (
+        '[[capture]]\npath = "a"',
+        '[[method]]\nid = "mine"\ncommand = "no-program {capture} {depth}"\n',
+        ("b.toml: 'mine' 'no-program'",),
+    ),
     "maps": (
         '[[capture]]\npath = "a"',
         '[[method]]\nid = "mine"\nmaps = "again"\n',

@@ -16,12 +16,14 @@ import pytest
 from handbench.bench.validation.capture_warnings import (
     conjugation_warnings,
     method_warnings,
+    mirror_warnings,
     step_warnings,
 )
-from handbench.bench.validation.checks import CHANNELS, MAP, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, order_of_antennas, warnings_of
 from handbench.bench.validation.inspection import inspect
 from handbench.cli.main import main
-from handbench.groundtruth.mesh.surface import mesh, write_mesh
+from handbench.groundtruth.mesh.depth import reference_on_grid
+from handbench.groundtruth.mesh.surface import mesh, read_surface, write_mesh
 from handbench.radar.data.arrays import AntennaArray, AntennaPairs, qar50
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -83,6 +85,12 @@ def swapped(capture: RadarCapture) -> RadarCapture:
     return replace(capture, aperture=AntennaArray(array.rx_m, array.tx_m))
 
 
+def shuffled(capture: RadarCapture) -> RadarCapture:
+    array = capture.aperture
+    order = np.random.default_rng(0).permutation(len(array.rx_m))
+    return replace(capture, aperture=AntennaArray(array.tx_m, array.rx_m[order]))
+
+
 def conjugate(capture: RadarCapture) -> RadarCapture:
     return replace(capture, samples=capture.samples.conj())
 
@@ -120,6 +128,7 @@ ECHOES = {
     "conjugated": (conjugate, CONJUGATE),
     "nothing": (lambda capture: capture, None),
     "tones": (tones(TONES_HZ[::-1]), "reverse frequencies_hz"),
+    "receivers in disorder": (shuffled, "beside the surface"),
     "swapped": (swapped, "exchange tx_m and rx_m"),
     "x and y": (turned, "exchange these columns"),
     "millimetres": (placed(1e3 * ONE), "1e-3"),
@@ -186,7 +195,30 @@ def test_what_is_nearer_than_a_scan_is_wide_has_a_sign():
     scan = AntennaPairs(places_m, places_m)
     capture = exact_capture(points_m, BANDS_HZ["26 GHz"][::2], array=scan)
     [text] = conjugation_warnings(conjugate(capture))
-    assert "within 0.96 m" in text  # eight times the middle, at most 12 wavelengths wide
+    assert "within 1.3 m" in text  # eight times the middle, at most 14 wavelengths wide
+    capture = exact_capture(points_m, BANDS_HZ["few"])  # of an array
+    assert [*conjugation_warnings(conjugate(capture))] and not [*conjugation_warnings(capture)]
+
+
+def test_receivers_of_a_dense_array_in_disorder_are_named_without_a_surface():
+    points_m = np.random.default_rng(1).uniform(-0.04, 0.04, (60, 3)) + [0, 0, 0.3]
+    capture = exact_capture(points_m, TONES_HZ[-3:])
+    assert [*order_of_antennas(capture)] == []
+    [text] = order_of_antennas(shuffled(capture))
+    assert text.startswith("rx_m")
+
+
+def test_mirrored_depths_and_linear_amplitudes_are_named(right, tmp_path):
+    surface = read_surface(written(tmp_path / "plate", right) / "truth.ply")
+    axis_m = np.arange(-50, 51) * 1e-3
+    z_m = reference_on_grid(surface, axis_m, axis_m).z_m
+    depth = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "m")
+    assert [*mirror_warnings(depth, surface), *warnings_of(depth, MAP)] == []
+    for name, mirrored in (("x_m", z_m[:, ::-1]), ("y_m", z_m[::-1])):
+        [text] = mirror_warnings(replace(depth, z_m=mirrored), surface)
+        assert name in text
+    [text] = warnings_of(replace(depth, amplitude_db=np.ones_like(z_m)), MAP)
+    assert "linear" in text
 
 
 def test_a_scan_s_wrong_step_is_told_by_the_bend_of_its_point():
