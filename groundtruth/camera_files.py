@@ -21,7 +21,6 @@ rotation · X + translation, in metres if the project has a scale.
 
 import os
 import posixpath
-import struct
 from collections import defaultdict
 from math import prod
 from pathlib import Path, PureWindowsPath
@@ -53,6 +52,9 @@ from handbench.support.progress import say
 # least and largest focal length over the picture's longer side, largest distortion
 PLAUSIBLE = (0.1, 20.0, 100.0)
 NOT_IN_COLMAP = ("k4", "p3", "p4")
+# of a record in a file of a COLMAP model: bytes before the number of its entries (in images, also
+# of a name), of this number, and of an entry
+RECORDS = {"images.bin": (64, 8, 24), "frames.bin": (64, 4, 16), "points3D.bin": (43, 8, 8)}
 SMALLEST_SKEW_PX = 0.05  # largest effect of B2 at the picture's edge that is ignored
 
 
@@ -103,7 +105,7 @@ def read_model(folder: Path) -> "pycolmap.Reconstruction":
     require_folder(folder, "a COLMAP model (cameras, images and points3D, .bin or .txt)")
     pycolmap.logging.minloglevel = int(pycolmap.logging.FATAL)
     try:
-        _require_whole_points(folder)
+        _require_whole(folder)
         model = pycolmap.Reconstruction(str(folder))
         names = _names_in_text(folder)
         for number, image in model.images.items():
@@ -173,32 +175,33 @@ def _of_photo(photo: Photo, cameras: tuple[Camera, ...], where: Path) -> Camera 
 
 
 def write_model(model: "pycolmap.Reconstruction", folder: Path) -> None:
-    """Write a COLMAP model into a folder, in binary form. Raises OSError if its last file is
+    """Write a COLMAP model into a folder, in binary form. Raises HandbenchError if a file is
     incomplete, as on a full disk, which COLMAP itself does not report."""
     model.write_binary(folder)
-    try:
-        _require_whole_points(folder)
-    except ValueError as error:
-        raise OSError("COLMAP's model was cut short; check that the disk has free space") from error
+    _require_whole(folder)
 
 
-def _require_whole_points(folder: Path) -> None:
-    """Raise ValueError if the length of a COLMAP model's points3D.bin does not agree with the
-    counts in it, which COLMAP's reader trusts: it never returns from a file cut by 40 bytes."""
-    file = folder / "points3D.bin"
-    if not file.is_file():
-        return
-    content = read_bytes(file, "the points of a COLMAP model", MODEL_BYTES)
-    end = 8
-    try:
-        for _ in range(struct.unpack_from("<Q", content)[0]):
-            end += 51 + 8 * struct.unpack_from("<Q", content, end + 43)[0]
-    except struct.error:
-        end = -1
-    if end != len(content):
-        raise ValueError(
-            f"the length of {file.name}, {len(content)} bytes, is not that of its contents"
-        )
+def _require_whole(folder: Path) -> None:
+    """Raise HandbenchError if the length of a binary file of a COLMAP model does not agree with the
+    counts in it, which COLMAP's reader trusts: of a file that is cut, it may never return."""
+    for name, (head, number, entry) in RECORDS.items():
+        file = folder / name
+        if not file.is_file():
+            continue
+        content = read_bytes(file, "a part of a COLMAP model", MODEL_BYTES)
+        end = 8
+        records = 0
+        while end < len(content):
+            end += head
+            if name == "images.bin":
+                end = content.find(b"\0", end) + 1 or len(content) + 1  # of the image's name
+            end += number + entry * int.from_bytes(content[end : end + number], "little")
+            records += 1
+        if (end, records) != (len(content), int.from_bytes(content[:8], "little")):
+            raise HandbenchError(
+                f"{file}: has {len(content)} bytes, which is not the length of its contents; copy "
+                "it again, or free space on the disk"
+            )
 
 
 def read_metashape(path: str | Path) -> tuple[Camera, ...]:

@@ -147,16 +147,12 @@ def registered_images(model: "pycolmap.Reconstruction") -> "list[pycolmap.Image]
 
 
 def camera_in(image: "pycolmap.Image") -> "pycolmap.Camera":
-    """Return the pycolmap camera of an image of a COLMAP model. Raises ValueError if the image
-    belongs to no model."""
-    if image.camera is None:
-        raise ValueError(f"{image.name} is in no COLMAP model")
+    """Return the pycolmap camera of an image, which belongs to a COLMAP model."""
+    assert image.camera is not None
     return image.camera
 
 
 def set_pose(image: "pycolmap.Image", pose: "pycolmap.Rigid3d") -> None:
-    """Set the pose (from world to camera) of an image in a COLMAP model. Raises ValueError if the
-    image belongs to no model."""
-    if image.frame is None:
-        raise ValueError(f"{image.name} is in no COLMAP model")
+    """Set the pose (from world to camera) of an image, which belongs to a COLMAP model."""
+    assert image.frame is not None
     image.frame.set_cam_from_world(image.camera_id, pose)

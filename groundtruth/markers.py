@@ -103,11 +103,11 @@ def require_board(seen: dict[str, Corners], board: Board) -> dict[str, Corners]:
     """
     corners = [corner for found in seen.values() for corner in found]
     if len(corners) == len(set(corners)):
-        count = sum(bool(found) for found in seen.values())
         raise HandbenchError(
-            f"board: its corners ({board.describe()}) were found in {count} of {len(seen)} "
-            "photographs, and no corner in two of them; check dictionary, ids, columns, rows and "
-            "legacy in the board's description, and the focus of the photographs"
+            f"board: its corners ({board.describe()}) were found in "
+            f"{sum(map(bool, seen.values()))} of {len(seen)} photographs, and no corner in two of "
+            "them; check dictionary, ids, columns, rows and legacy in the board's description, and "
+            "the focus of the photographs"
         )
     return seen
 

@@ -27,7 +27,7 @@ from handbench.support.progress import say, track
 FEWEST = 3
 DARK, BRIGHT = 0.01, 0.99  # quantiles of a photograph's tones that stretching makes black and white
 LEAST_CONTRAST = 0.4  # between them; a photograph with less is stretched
-SMALLEST_PX, FLATTEST = 8, 1 / 50  # least shorter side, also relative to the longer one
+SMALLEST_PX, FLATTEST = 8, 0.02  # least shorter side, also relative to the longer one
 STEP = 1 / 255  # between two tones of 8 bits
 SAMPLED = 7  # of so many pixels, one is enough for the quantiles
 QUALITY_PX = 1000  # longer side at which sharpness is measured
@@ -179,8 +179,10 @@ def select_usable(photos: tuple[Photo, ...]) -> tuple[Photo, ...]:
     enough_remain = len(sharpness) - len(blurred) >= FEWEST
     action = "left out" if enough_remain else "used, because there are only a few photographs"
     for photo in blurred:
-        share = sharpness[photo] / typical
-        say(f"{photo.name}: is blurred ({share:.0%} of the typical sharpness); {action}")
+        say(
+            f"{photo.name}: is blurred ({sharpness[photo] / typical:.0%} of the typical "
+            f"sharpness); {action}"
+        )
     usable = tuple(photo for photo in sharpness if not (enough_remain and photo in blurred))
     if stretched := [photo.name for photo in usable if photo.stretched]:
         say(f"dark or bright photographs, whose tones are stretched: {', '.join(stretched)}")

@@ -11,7 +11,6 @@ does not depend on their number.
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import cv2
 import numpy as np
 
 from handbench.groundtruth.dense.views import Stereo
@@ -75,9 +74,7 @@ def refine(
     and the share [h, w] of each pixel's neighbours that are on its surface.
     """
     draws = np.random.default_rng(seed)
-    border = (RADIUS, RADIUS, RADIUS, RADIUS)
-    reference = cv2.copyMakeBorder(stereo.reference, *border, cv2.BORDER_REPLICATE)
-    stereo = stereo._replace(reference=reference)
+    stereo = stereo._replace(reference=np.pad(stereo.reference, RADIUS, "edge"))
     wanted = low <= high
     flat = np.zeros_like(planes)
     planes, cost = planes.copy(), np.where(wanted, np.float32(0), np.float32(WORST))

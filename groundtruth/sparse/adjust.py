@@ -32,7 +32,7 @@ def adjust(
     model: "pycolmap.Reconstruction",
     corners: dict[str, Corners],
     corners_m: dict[int, np.ndarray],
-    lens: int = 0,
+    lens: int,
 ) -> None:
     """Improve the cameras and points of a model by bundle adjustment, in place.
 

@@ -242,19 +242,18 @@ def triangulate_known_poses(known: Known, folder: Path, seed: int = 0) -> "pycol
     for image in registered_images(model):
         if image.num_points3D < FEWEST_POINTS:
             model.deregister_frame(image.frame_id)
-    if len(registered_images(model)) < FEWEST:
+    if model.num_reg_images() < FEWEST:
         raise HandbenchError(
-            f"photographs: with the given poses, only {len(registered_images(model))} of "
+            f"photographs: with the given poses, only {model.num_reg_images()} of "
             f"{len(known.photos)} photographs see {FEWEST_POINTS} points; expected at least "
             f"{FEWEST}; take photographs with more overlap and texture"
         )
     # restore the exact poses: COLMAP scales its models, and back
     for image in registered_images(model):
         set_pose(image, _pose(given[image.name]))
-    error_px = model.compute_mean_reprojection_error()
     say(
-        f"{model.num_points3D()} points of {len(registered_images(model))} photographs with known "
-        f"poses, {error_px:.2f} px off"
+        f"{model.num_points3D()} points of {model.num_reg_images()} photographs with known poses, "
+        f"{model.compute_mean_reprojection_error():.2f} px off"
     )
     return model
 
