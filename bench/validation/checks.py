@@ -193,10 +193,11 @@ def focus(depth: DepthMap) -> Iterator[str]:
 
 
 def depths(depth: DepthMap) -> Iterator[str]:
-    """Check that depths are in metres."""
-    if np.nanmax(np.abs(depth.z_m), initial=0.0) > FAR_M:
+    """Check that depths and axes are in metres."""
+    if np.nanmax(np.abs(np.r_[depth.x_m, depth.y_m, depth.z_m.flat])) > FAR_M:
         yield (
-            f"depths are more than {FAR_M:g} m; if they are in millimetres, multiply them by 1e-3"
+            f"it has lengths of more than {FAR_M:g} m; if they are in millimetres, multiply them "
+            "by 1e-3"
         )
 
 
@@ -237,8 +238,8 @@ def result_warnings(result: Result) -> Iterator[str]:
         yield from (f"{capture}: {text}" for text in texts)
     yield from (failure.line for failure in result.about.failures)
     far = result.table[(result.table.metric == "mae_mm") & (result.table.value > FARTHEST_MM)]
-    for method, value in zip(far.method, far.value, strict=True):
-        yield f"{method}: the mean error is {value:.4g} mm; check units and transforms"
+    for row in far.itertuples():
+        yield f"{row.method}: the mean error is {row.value:.4g} mm; check units and transforms"
 
 
 def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:

@@ -219,6 +219,8 @@ def test_mirrored_depths_and_linear_amplitudes_are_named(right, tmp_path):
         assert name in text
     [text] = warnings_of(replace(depth, amplitude_db=np.ones_like(z_m)), MAP)
     assert "linear" in text
+    [text] = warnings_of(replace(depth, x_m=1e3 * axis_m), MAP)
+    assert "millimetres" in text
 
 
 def test_a_scan_s_wrong_step_is_told_by_the_bend_of_its_point():
