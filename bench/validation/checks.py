@@ -246,7 +246,7 @@ def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:
     """Yield a sentence if depths of a method's maps are 0 or less, and one if most are in doubt."""
     seen, doubtful, zeros = _counts(depths)
     if zeros:
-        yield f"{zeros} depths are 0 or less; write NaN where there is no depth"
+        yield f"{zeros} depths are 0 or less, where no target is; no depth is written as NaN"
     if (percent := 100 * doubtful / max(seen, 1)) > CROWDED_PERCENT:
         yield (
             f"{percent:.0f} % of the pixels with a depth are in doubt: likelier wrong than right "
