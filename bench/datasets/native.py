@@ -85,9 +85,9 @@ def save_capture_file(folder: Path, description: CaptureFile) -> None:
 def save_echoes_folder(folder: str | Path, capture: RadarCapture, facts: Mapping[str, Any]) -> None:
     """Write a capture folder that has only echoes and their description, atomically. facts: fields
     of `CaptureFile`; without a name, it gets that of the folder."""
-    facts = {"name": Path(folder).resolve().name, "contains": (ECHOES,)} | dict(facts)
-    description = parse(CaptureFile, facts, str(folder))
     with atomic_folder(folder) as temporary:
+        facts = {"name": Path(folder).resolve().name, "contains": (ECHOES,)} | dict(facts)
+        description = parse(CaptureFile, facts, str(folder))
         save_capture(temporary / ECHOES, capture)
         save_capture_file(temporary, description)
 

@@ -45,6 +45,7 @@ def test_pairs_and_a_scan(tmp_path):
         ({"tx_m": TX_M[:, :2]}, "tx_m"),
         ({"distance_mm": 300}, "distance_mm"),
         ({"folder": "."}, "exists"),
+        ({"folder": "a\0b"}, "a"),
     ],
 )
 def test_what_does_not_fit_is_refused(tmp_path, change, place):
