@@ -147,6 +147,8 @@ def read(path: Path, schema: Schema) -> pd.DataFrame:
     names = list(schema)
     try:
         text = read_text(path, f"a CSV file with the columns {', '.join(names)}", RESULT_BYTES)
+        if text[-1:] not in ("", "\n"):
+            raise ValueError("its last line has no end, so it was cut")
         if (count := sum(map(text.count, ",\n"))) > MOST_CELLS:
             raise ValueError(f"it has about {count} cells, more than {MOST_CELLS}")
         head, *lines = csv.reader(io.StringIO(text), strict=True) if text else [[]]

@@ -10,8 +10,10 @@ from pydantic import Field, model_validator
 
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
+from handbench.radar.data.grid import Sweep
 from handbench.radar.methods.registry import titles as titles
-from handbench.support.config import Config, Name, parse
+from handbench.radar.simulation.scene import Choice
+from handbench.support.config import Config, Name, Tone, parse
 from handbench.support.files import RESULT_BYTES, RESULT_VALUES, read_json
 
 Reference = Literal["photogrammetry", "completed", "truth"]
@@ -75,7 +77,30 @@ class CaptureFacts(Config):
     distance_m: float | None = None
     references: tuple[Reference, ...] = ()
     own_mesh: bool = False
-    effects: tuple[dict[str, Any], ...] = ()
+    effects: tuple[Choice, ...] = ()
+
+
+class Sigmas(Config, extra="allow"):
+    """The parts of a reference's σ, mm, and the names of those that are unknown."""
+
+    __pydantic_extra__: dict[str, float | None]
+    unknown: tuple[str, ...] = ()
+
+
+class Facts(Config, extra="allow"):
+    """The types of the further facts of a result that reports use."""
+
+    warnings: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    refined_transforms: dict[str, str] = Field(default_factory=dict)
+    groundtruth_sigma_rms: dict[str, Sigmas] = Field(default_factory=dict)
+    registration_residuals_mm: tuple[float, ...] = ()
+    registration_error_at_hand_mm: float | None = None
+
+
+class Settings(Config, extra="allow"):
+    """The types of a method's settings that reports use."""
+
+    tones_hz: tuple[Tone, ...] | Sweep = ()
 
 
 class MethodFacts(Config):
@@ -85,7 +110,7 @@ class MethodFacts(Config):
     name: Name
     title: str
     id: str = ""
-    config: dict[str, Any] = Field(default_factory=dict)
+    config: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _is_clear(self) -> Self:
@@ -139,4 +164,8 @@ def read_about(path: Path) -> About:
     content."""
     what = "a benchmark's result, which a run writes at its end (`handbench run` resumes it)"
     content = read_json(path, what, RESULT_VALUES, RESULT_BYTES)
-    return parse(About, content, str(path))
+    about = parse(About, content, str(path))
+    parse(Facts, about.facts, f"{path}: facts")
+    for method, (capture, config) in ((m, of) for m in about.methods for of in m.config.items()):
+        parse(Settings, config, f"{path}: method '{method.name}' on '{capture}'")
+    return about

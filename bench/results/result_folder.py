@@ -3,19 +3,23 @@ result.json."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings
 
+import numpy as np
 from pydantic import TypeAdapter
 
 from handbench.bench.evaluation.depth_errors import ErrorMap
 from handbench.bench.evaluation.intervals import counted
+from handbench.bench.evaluation.scoring_protocols import main_table, protocol
 from handbench.bench.evaluation.tables import LEVEL, SCORES, TABLE, TASKS, each, read, write
 from handbench.bench.results import derived
-from handbench.bench.results.about import About, CaptureFacts, read_about
+from handbench.bench.results.about import About, CaptureFacts, metric_facts, read_about
 from handbench.bench.results.maps import (
     Frames,
     SurfaceMap,
@@ -189,8 +193,34 @@ def load(folder: str | Path) -> Result:
     tables = {name: read(folder / f"{name}.csv", schema) for name, schema in TABLES.items()}
     _require_figures(folder / "scores.csv", tables["scores"])
     result = Result(folder, about, **tables, config=config)
+    _require_agreement(result)
     _require_complete(result)
     return result
+
+
+def _require_agreement(result: Result) -> None:
+    """Raise a HandbenchError unless result.json, scores.csv and table.csv have the same methods,
+    metrics and captures, the figures of the table, where their metrics are defined as today, follow
+    from the scores, and config.toml has its end."""
+    about, table = result.about, result.table
+    methods, captures = set(about.method_titles), {capture.name for capture in about.captures}
+    scores = result.scores[result.scores.method.isin(methods)]
+    agree = set(table.method) == methods and set(table.metric) <= set(about.metrics)
+    if agree and set(scores.capture) <= captures and result.config.endswith("\n"):
+        today = [key for key, facts in metric_facts().items() if about.metrics.get(key) == facts]
+        of = protocol(str(about.protocol.get("id")))
+        # figures of some captures are missing
+        with suppress(ValueError, LookupError), catch_warnings(action="ignore"):
+            ours, theirs = (
+                lines[lines.metric.isin(today)].set_index(["metric", "method", "reference"]).value
+                for lines in (table, main_table(scores, of, 0, False))
+            )
+            if ours.shape == theirs.shape and np.allclose(ours, theirs[ours.index], equal_nan=True):
+                return
+    raise HandbenchError(
+        f"{result.folder}: config.toml is cut, or scores.csv, table.csv and result.json have other "
+        "captures, methods, metrics or figures than each other; run the benchmark again"
+    )
 
 
 def _require_figures(path: Path, scores: pd.DataFrame) -> None:

@@ -195,7 +195,7 @@ def capture_facts(outcome: RunOutcome, captures: Iterable[RunCapture]) -> tuple[
             distance_m=capture.about.distance_m,
             references=references,
             own_mesh=MEASURED in references and capture.name not in outcome.meshes,
-            effects=tuple(choice.model_dump(mode="json") for choice in capture.about.effects),
+            effects=capture.about.effects,
         )
         for capture in captures
         for references in [outcome.references.get(capture.name, ())]

@@ -50,7 +50,7 @@ def details(result: Result) -> dict[str, list[Content]]:
 def effects(result: Result) -> list[Content]:
     """Return a table of the simulated physical effects: in how many captures each was on, and the
     largest values over the captures of its size, where it is known, and of its computing time."""
-    facts = [effect for capture in result.about.captures for effect in capture.effects]
+    facts = [dict(effect) for capture in result.about.captures for effect in capture.effects]
     if not facts:
         return []
     lines = pd.DataFrame(facts, columns=["effect", "why", "on", *EFFECT_SIZES])

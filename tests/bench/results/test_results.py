@@ -75,6 +75,12 @@ SCORE = "B,3fsk,truth,,0,mae_mm,7\n"
         ("table.csv", f"{HEADER}mae_mm,3fsk,abc,,,mm,,truth\n", "abc"),
         ("table.csv", f"{HEADER}mae_mm,3fsk,nan,,,mm,,truth\n", "nan"),
         ("scores.csv", f"{SCORE_HEADER}{2 * SCORE}", ""),
+        ("scores.csv", f"{SCORE_HEADER}{SCORE}", "table.csv"),  # cut at the end of a line
+        ("scores.csv", f"{SCORE_HEADER}{SCORE[:-1]}", ""),
+        ("table.csv", HEADER, ""),
+        ("result.json", {"metrics": {}}, "table.csv"),
+        ("result.json", {"methods": []}, "table.csv"),
+        ("result.json", {"facts": {"warnings": ["x"]}}, "'warnings'"),
     ],
 )
 def test_a_broken_folder_is_refused(written, name, content, place):

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, frame
+from handbench.bench.evaluation.scoring_protocols import PAPER, main_table
+from handbench.bench.evaluation.tables import CHANGES, DIFFERENCES, SCORES, frame, read
 from handbench.bench.results.compare_results import compare_results
-from handbench.bench.results.result_folder import load
+from handbench.bench.results.result_folder import load, write_tables
 from handbench.cli.main import main
 from handbench.reports.tables import comparison
 from tests.bench.run.faults import files_of_at_most
@@ -29,6 +30,8 @@ def slower(tmp_path_factory) -> Path:
     scores.write_text(
         scores.read_text().replace("3fsk,truth,,0,mae_mm,1", "3fsk,truth,,0,mae_mm,2")
     )
+    table = main_table(read(scores, SCORES), PAPER, 0, with_paper=True)
+    write_tables(folder, table=table)
     about.write_text(about.read_text("utf-8").replace("EPYC", "<b>EPYC</b> |"), "utf-8")
     return folder
 
