@@ -24,6 +24,7 @@ from handbench.radar.data.grid import PixelGrid
 from handbench.radar.methods import registry
 from handbench.support.config import Config, parse, suggest
 from handbench.support.errors import HandbenchError
+from handbench.support.files import free, free_folder
 from handbench.support.progress import warn
 
 if TYPE_CHECKING:
@@ -81,10 +82,10 @@ class Capture:
 
     def __init__(self, path: File) -> None:
         self._recorded = open_capture(path)
-        self.name: str = self._recorded.about.name
-        self.folder: Path = self._recorded.folder
-        self.photos: Path | None = self._recorded.photos
-        self.truth: Path | None = self._recorded.truth
+        self.name = self._recorded.about.name
+        self.folder = self._recorded.folder
+        self.photos = self._recorded.photos
+        self.truth = self._recorded.truth
 
     def __repr__(self) -> str:
         echoes = self.echoes
@@ -200,9 +201,7 @@ class Delegating:
     OF: str
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name == self.OF:  # while it is copied
-            raise AttributeError(name)
-        return getattr(getattr(self, self.OF), name)
+        return getattr(vars(self).get(self.OF), name)  # None has none, while this is copied
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *dir(getattr(self, self.OF))]
@@ -293,19 +292,19 @@ class Depth(Delegating, Plottable):
         Raises:
             HandbenchError: there is no mesh, or no transform for the capture's own mesh.
         """
-        recorded = None if self.capture is None else self.capture._recorded
-        if mesh is None and recorded is not None:
+        recorded = self.capture._recorded if self.capture else None
+        if mesh is None and recorded:
             # which is in the radar's frame already
             mesh = recorded.truth if transform is None else None
             if mesh is None and (transform := transform or recorded.transform()):
                 mesh = recorded.mesh()
-        if mesh is None:
+        if not isinstance(mesh, str | Path):
             raise HandbenchError(
-                "mesh: is missing, and no capture is given with a true surface, or with a mesh and "
+                "mesh: is no path, and no capture is given with a true surface, or with a mesh and "
                 "its transform; pass the path of a mesh file, or transform='radar_from_photo.json'"
             )
         if not isinstance(transform, Transform):
-            transform = load_any_transform(Path(transform) if transform else None)
+            transform = load_any_transform(transform)
         reference = score.reference_of_surface(
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
@@ -419,7 +418,6 @@ def simulate(scene: File, folder: File, frames: int = 1, overwrite: bool = False
     """
     from handbench.bench.datasets.simulated import WRITTEN, simulate_capture
     from handbench.bench.scenes.build import load_scene
-    from handbench.cli.options import free_folder
 
     free_folder(Path(folder), overwrite, WRITTEN)
     simulate_capture(load_scene(scene), folder, frames)
@@ -464,8 +462,7 @@ def save_capture(
     """
     from handbench.bench.datasets.native import save_echoes_folder
 
-    if Path(folder).exists():
-        raise HandbenchError(f"{folder}: exists already; choose a new folder")
+    free(False, Path(folder))
     scan = position_m is not None
     if {tx_m is None, rx_m is None} != {scan} or (scan and pairs is not None):
         raise HandbenchError(
@@ -528,7 +525,7 @@ def calibrate(captures: File | Sequence[File], quality: str = "draft", seed: int
     from handbench.bench.stages.calibrate import calibrate_captures
 
     named = [captures] if isinstance(captures, str | Path) else captures
-    return calibrate_captures([Path(capture) for capture in named], quality, seed)
+    return calibrate_captures([*map(Path, named)], quality, seed)
 
 
 def run(bench: File, folder: File, overwrite: bool = False) -> RunResult:

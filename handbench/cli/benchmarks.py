@@ -11,11 +11,11 @@ from handbench.bench.evaluation import front
 from handbench.bench.evaluation.metrics import HEADLINE, chosen
 from handbench.bench.results.compare_results import compare_results
 from handbench.bench.results.result_folder import Result, load
-from handbench.cli.options import free_folder
 from handbench.reports.tables.comparison import WRITTEN, show, write
 from handbench.reports.tables.table import best_of_ours, figures, main_lines, of_paper, settings
 from handbench.reports.tables.writers import notes, terminal
 from handbench.support.errors import HandbenchError
+from handbench.support.files import free_folder
 from handbench.support.progress import print_json, print_lines
 
 SHOWN = 3  # of our best methods
@@ -99,12 +99,12 @@ def report(options: argparse.Namespace) -> None:
 def compare(options: argparse.Namespace) -> None:
     """Compare two result folders and print the differences, as tables or as JSON; with -o, also
     write them into a folder."""
-    if options.out is not None:
+    if options.out:
         free_folder(options.out, options.overwrite, WRITTEN)
     compared = compare_results(load(options.a), load(options.b))
     if options.json:
         print_json(compared.content())
     else:
         show(compared, options.metric, options.method)
-    if options.out is not None:
+    if options.out:
         write(compared, options.out)

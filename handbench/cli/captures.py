@@ -12,10 +12,11 @@ from handbench.bench.scenes.build import load_scene
 from handbench.bench.scenes.echoes import explained
 from handbench.bench.scenes.photographs import photo_effects
 from handbench.bench.validation.checks import CHANNELS, warnings_of
-from handbench.cli.options import free_folder, set_values
+from handbench.cli.options import set_values
 from handbench.radar.simulation.scene import Choice
 from handbench.support.config import read_toml
 from handbench.support.errors import HandbenchError
+from handbench.support.files import free_folder
 from handbench.support.progress import counted, print_lines, say, warn
 
 # of a row of the table of effects: key → heading
@@ -31,10 +32,10 @@ def simulate(options: argparse.Namespace) -> None:
         return
     scene = load_scene(options.scene)
     if options.explain:
-        of_photos = photo_effects(scene.file.photos) if scene.file.photos else ()
-        _show_effects(explained(scene) + of_photos)
+        photos = scene.file.photos
+        _show_effects(explained(scene) + (photo_effects(photos) if photos else ()))
         return
-    if options.out is None:
+    if not options.out:
         raise HandbenchError(
             "-o: is missing; add -o DIR for the capture folder, or use --explain without it"
         )
@@ -53,7 +54,7 @@ def _is_benchmark(path: Path) -> bool:
 
 
 def _simulate_benchmark(options: argparse.Namespace) -> None:
-    if options.explain or options.frames > 1 or options.out is None:
+    if options.explain or options.frames > 1 or not options.out:
         raise HandbenchError(
             "simulate: a benchmark needs -o DIR and accepts neither --explain nor --frames; add "
             "-o DIR and leave these out, or name a scene file"

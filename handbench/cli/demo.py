@@ -27,7 +27,7 @@ def demo(options: argparse.Namespace) -> None:
     from handbench.interface import simulate
 
     folder: Path = options.out
-    _claim(folder, HAND.read_text("utf-8"))
+    _claim(folder)
     if (capture := folder / CAPTURE).exists():  # which appears whole or not at all
         say(f"{capture}: exists already and is used again")
     else:
@@ -82,10 +82,11 @@ def _image_and_score(folder: Path) -> None:
     )
 
 
-def _claim(folder: Path, scene: str) -> None:
+def _claim(folder: Path) -> None:
     """Write the scene file into a new or empty folder, or accept a folder that an earlier demo of
     the same version has made. Raises HandbenchError for any other folder."""
-    marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n{scene}"
+    marked = f"# The scene of `handbench demo`, handbench {version('handbench')}.\n"
+    marked += HAND.read_text("utf-8")
     mark = folder / SCENE
     if not any(folder.glob("*")):
         write_text(mark, marked)

@@ -13,7 +13,7 @@ from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.evaluation.metrics import definitions
 from handbench.bench.stages.image import configured, image
 from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, on_target, warnings_of
-from handbench.cli.options import free, set_values
+from handbench.cli.options import set_values
 from handbench.interface import Capture, Depth
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import load_depthmap
@@ -21,7 +21,7 @@ from handbench.radar.imaging.device import describe
 from handbench.radar.methods.backprojection import Backprojection, volume
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_npz
+from handbench.support.files import atomic_path, free, write_npz
 from handbench.support.progress import counted, is_terminal, print_json, print_lines, say, warn
 
 EXACT = 1e-5  # what the exact sum is good to, in single precision
@@ -46,7 +46,7 @@ def reconstruct(options: argparse.Namespace) -> None:
     if options.exact or options.tolerance is not None:
         values["tolerance"] = options.tolerance
     settings = chosen.configure(values, "--set or --tolerance")
-    volume_asked = options.volume is not None or options.check
+    volume_asked = options.volume or options.check
     if volume_asked and not isinstance(settings, Backprojection):
         raise HandbenchError(
             f"--volume, --check: the method '{chosen.id}' computes no volume; choose --method "
@@ -61,10 +61,9 @@ def reconstruct(options: argparse.Namespace) -> None:
         depth.save(both.enter_context(atomic_path(options.out)))
         if isinstance(settings, Backprojection) and volume_asked:
             voxels = volume(echoes, settings, options.frame)
-            if options.volume is not None:
+            if options.volume:
                 axes = {f"{name}_m": getattr(settings, name).values_m() for name in "xyz"}
-                file = both.enter_context(atomic_path(options.volume))
-                write_npz(file, volume=voxels, **axes)
+                write_npz(both.enter_context(atomic_path(options.volume)), volume=voxels, **axes)
             if options.check:
                 _check(voxels, echoes, settings, options)
     say(f"{options.out}: {on_target(depth)}, imaged on {describe()}")
@@ -80,13 +79,9 @@ def _check(
     from handbench.radar.imaging.exact import imaging_error
 
     samples, frequencies_hz = echoes.tones(settings.frequencies_hz, options.frame)
-    error = imaging_error(
-        volume, samples, frequencies_hz, echoes.aperture, settings.voxels, options.check
-    )
-    say(
-        f"checked at {options.check} random voxels against the exact sum: relative error "
-        f"{error:.1e}"
-    )
+    count = min(options.check, volume.size)
+    error = imaging_error(volume, samples, frequencies_hz, echoes.aperture, settings.voxels, count)
+    say(f"checked at {count} random voxels against the exact sum: relative error {error:.1e}")
     if error > (most := settings.tolerance or EXACT):
         raise HandbenchError(
             f"--check: the volume's relative error is {error:.1e}, but expected at most {most:g}; "
@@ -100,7 +95,7 @@ def evaluate(options: argparse.Namespace) -> None:
     Warnings are printed first, on stderr."""
     free(options.overwrite, options.plot)
     depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
-    capture = None if options.capture is None else Capture(options.capture)
+    capture = options.capture and Capture(options.capture)
     score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
     warnings = [*warnings_of(depth, MAP), *figure_warnings(score)]
     about: dict[str, Any] = {"method": depth.method}
@@ -109,7 +104,7 @@ def evaluate(options: argparse.Namespace) -> None:
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined}"
     warn(options.depth, warnings)
-    if options.plot is not None:
+    if options.plot:
         score.plot(options.plot)
     if options.json or not (options.table or is_terminal(sys.stdout)):
         print_json(({"warnings": warnings} if warnings else {}) | score | about)

@@ -48,8 +48,9 @@ def list_entries(options: argparse.Namespace) -> None:
             for term, meaning in entry.details.items():
                 print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
         else:
-            hint = suggest(options.name, list(entries))
-            raise HandbenchError(f"list {section}: has no '{options.name}'; {hint}")
+            raise HandbenchError(
+                f"list {section}: has no '{options.name}'; {suggest(options.name, [*entries])}"
+            )
     if options.section is None:
         print_lines("one of them in full: handbench list methods 3fsk")
 

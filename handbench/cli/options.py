@@ -1,13 +1,10 @@
-"""Helpers of the commands: options declared in commands.toml, and checks that no file is
-overwritten by mistake."""
+"""Helpers of the commands: the options declared in commands.toml."""
 
 import argparse
 import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from fnmatch import fnmatchcase
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -26,15 +23,6 @@ def positive(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number ≥ 1")
     return int(text)
-
-
-def share(text: str) -> float:
-    """Convert an option's text to a number between 0 and 1. Raises argparse's error for any other
-    text."""
-    with suppress(ValueError):
-        if 0 < (value := float(text)) < 1:
-            return value
-    raise argparse.ArgumentTypeError(f"{text} is no number between 0 and 1, such as 1e-3")
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -63,12 +51,12 @@ def path(text: str, ends: Sequence[str] = ()) -> Path:
         raise argparse.ArgumentTypeError("the path is empty")
     if ends and Path(text).suffix.lower() not in ends:
         raise argparse.ArgumentTypeError(f"{text} does not end in {' or '.join(ends)}")
-    return Path(text)
+    return Path(os.path.expanduser(text))
 
 
 TYPES: dict[str, Callable[[str], Any]] = {
     "int": int,
-    "share": share,
+    "float": float,
     "path": path,
     "positive": positive,
     "names": names,
@@ -115,34 +103,3 @@ def set_values(values: dict[str, Any], settings: Sequence[str], example: str) ->
             place[leaf] = tomllib.loads(f"value = {text}")["value"]
         except ValueError:  # no TOML, or a number that is too long
             place[leaf] = text
-
-
-def free(overwrite: bool, *paths: Path | None) -> None:
-    """Raise a HandbenchError if a file, a folder or a link exists and may not be overwritten."""
-    for path in filter(None, paths):
-        if os.path.lexists(path) and not overwrite:
-            raise HandbenchError(
-                f"{path}: exists already; choose another place, or replace it (--overwrite, in "
-                "Python overwrite=True)"
-            )
-
-
-def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
-    """Check that a command may write into a folder: it is new, or may be overwritten and is empty
-    or has only files that this command wrote before. Raises HandbenchError otherwise.
-    written: patterns of the names of the files that the command writes; the first one is in every
-    folder that it wrote."""
-    free(overwrite, path)
-    if (path.is_file() or any(path.glob("*"))) and not (path / written[0]).is_file():
-        raise HandbenchError(
-            f"{path}: has no {written[0]}, so this command did not make this folder and does not "
-            "overwrite it; choose another folder"
-        )
-    for file in sorted(path.rglob("*")):
-        name = file.relative_to(path).as_posix()
-        folder = file.is_dir() and not file.is_symlink()
-        if not folder and not any(fnmatchcase(name, pattern) for pattern in written):
-            raise HandbenchError(
-                f"{path}: has a file {name} that this command did not write; move the file away, "
-                "or choose another folder"
-            )

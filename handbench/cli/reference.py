@@ -11,12 +11,11 @@ from handbench.bench.datasets.native import ARRAY, CORRECTIONS
 from handbench.calibration.array_file import with_calibration
 from handbench.calibration.corrections import from_echoes
 from handbench.calibration.transforms import Transform
-from handbench.cli.options import free
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.interface import MESHES
 from handbench.radar.data.depthmap import load_depthmap
 from handbench.support.errors import HandbenchError
-from handbench.support.files import atomic_path, write_json
+from handbench.support.files import atomic_path, free, write_json
 from handbench.support.progress import print_lines, say, warn
 
 UNITS_M = {"m": 1.0, "mm": 1e-3}
@@ -30,7 +29,7 @@ def groundtruth(options: argparse.Namespace) -> None:
     if options.photos.suffix.lower() in MESHES and not options.photos.is_dir():
         _take_over(options)
         return
-    if options.unit is not None:
+    if options.unit:
         raise HandbenchError(
             f"--unit: is only for a mesh file, but {options.photos} is not one; leave --unit out"
         )
@@ -62,7 +61,7 @@ def groundtruth(options: argparse.Namespace) -> None:
 def _take_over(options: argparse.Namespace) -> None:
     from handbench.groundtruth.mesh.surface import metric_mesh, write_mesh
 
-    if options.unit is None:
+    if not options.unit:
         raise HandbenchError(
             f"--unit: is missing, and {options.photos} does not say in which unit its vertices "
             "are; add --unit m or --unit mm"
@@ -84,7 +83,7 @@ def calibrate(options: argparse.Namespace) -> None:
     if options.from_echoes:
         _from_echoes(options)
         return
-    if options.out is None:
+    if not options.out:
         raise HandbenchError("-o: is missing; name the file for the transform: -o TRANSFORM.json")
     free(options.overwrite, options.out, options.array)
     with ExitStack() as both:  # files appear at its end, or neither
@@ -115,7 +114,7 @@ def _from_targets(options: argparse.Namespace, files: ExitStack) -> Transform:
             "--refine DEPTH.npz with --mesh MESH.ply"
         )
     array = None
-    if options.array is not None:
+    if options.array:
         array = calibrate_array(options.capture)
         write_json(files.enter_context(atomic_path(options.array)), array.model_dump())
         say(f"{options.array}: {array.summary()}")

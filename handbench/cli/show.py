@@ -15,7 +15,6 @@ from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.results.maps import SurfaceMap, view
 from handbench.bench.scenes.stand import stand_board
 from handbench.calibration.target import Target, default_target
-from handbench.cli.options import free
 from handbench.groundtruth.board import Board
 from handbench.groundtruth.mesh.surface import Surface
 from handbench.interface import Depth, load
@@ -32,7 +31,7 @@ from handbench.reports.figures.style import save
 from handbench.reports.page.scene3d import page
 from handbench.support.config import parse, read_toml
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_text
+from handbench.support.files import free, write_text
 from handbench.support.progress import print_lines
 
 BUILT_IN = {"target": default_target, "stand": stand_board}
@@ -99,6 +98,8 @@ def _recording(path: Path) -> Figure:
     f_hz, legs = echoes.frequencies_hz, echoes.aperture.legs
     samples = echoes.samples[0].reshape(len(f_hz), -1)
     samples = samples[:, samples.any(axis=0)]  # of the pairs that were measured
+    if not samples.size:
+        raise HandbenchError(f"{path}: has no echo to draw; record it again")
     magnitudes = np.percentile(np.abs(samples), SHARES, axis=1) / np.abs(samples).max()
     names = ("transmitters", "receivers") if legs[1].passes else ("positions",)
     places_m = {name: leg.position_m for name, leg in zip(names, legs, strict=False)}

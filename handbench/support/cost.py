@@ -78,8 +78,7 @@ def machine() -> dict[str, Any]:
     ("host"), processor, number of cores, memory_gb, operating system, version of Python, and its
     rate of matrix products ("gemm_gflops"), by which times of different machines can be
     compared."""
-    facts = Path("/proc/cpuinfo").read_text("utf-8", "replace")
-    named = re.search(r"model name\s*:\s*(.*)", facts)
+    named = re.search(r"model name\s*:\s*(.*)", Path("/proc/cpuinfo").read_text("utf-8", "replace"))
     return {
         "host": platform.node(),
         "processor": named[1] if named else platform.machine(),

@@ -15,8 +15,9 @@ import re
 import shutil
 import unicodedata
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from glob import escape
 from operator import methodcaller
 from pathlib import Path
@@ -57,6 +58,43 @@ MOST_STEPS = 10_000  # of a pickle's program: a frame of MAROON takes about a hu
 MOST_MEMBERS = 1000  # of an archive
 # tomllib is quadratic
 LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""")
+FREE: set[Path] = set()  # paths that `free` found free, until this process has written them
+
+
+def free(overwrite: bool, *paths: Path | None) -> None:
+    """Raise a HandbenchError if a file, a folder or a link exists and may not be overwritten, or
+    cannot be written for want of a folder."""
+    for path in filter(None, paths):
+        if os.path.lexists(path) and not overwrite:
+            raise HandbenchError(
+                f"{path}: exists already; choose another place or, where that can be asked "
+                "for, replace it (--overwrite, in Python overwrite=True)"
+            )
+        (FREE.discard if overwrite else FREE.add)(path)
+        above = next(filter(os.path.lexists, path.absolute().parents), "")
+        if not os.access(f"{above}/", os.W_OK):
+            raise HandbenchError(f"{path}: {above} is no folder to write in; choose another place")
+
+
+def free_folder(path: Path, overwrite: bool, written: Sequence[str]) -> None:
+    """Check that a command may write into a folder: it is new, or may be overwritten and is empty
+    or has only files that this command wrote before. Raises HandbenchError otherwise.
+    written: patterns of the names of the files that the command writes; the first one is in every
+    folder that it wrote."""
+    free(overwrite, path)
+    if (path.is_file() or any(path.glob("*"))) and not (path / written[0]).is_file():
+        raise HandbenchError(
+            f"{path}: has no {written[0]}, so this command did not make this folder and does not "
+            "overwrite it; choose another folder"
+        )
+    for file in sorted(path.rglob("*")):
+        name = file.relative_to(path).as_posix()
+        folder = file.is_dir() and not file.is_symlink()
+        if not folder and not any(fnmatchcase(name, pattern) for pattern in written):
+            raise HandbenchError(
+                f"{path}: has a file {name} that this command did not write; move the file away, "
+                "or choose another folder"
+            )
 
 
 @contextmanager
@@ -70,7 +108,6 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         if path.exists() and not path.is_file():
             raise OSError(errno.EEXIST, "it is a folder or a device")
         yield temporary
-        os.replace(temporary, path)
 
 
 @contextmanager
@@ -79,25 +116,16 @@ def atomic_folder(path: str | Path) -> Iterator[Path]:
     It yields a folder with the same name. When the block succeeds, this folder replaces `path`;
     when it fails, the folder is removed. Raises HandbenchError if `path` is a file or a link, and
     instead of any other OSError."""
-    path = Path(path)
-    with _beside(path) as temporary:
+    with _beside(Path(path)) as temporary:
         temporary.mkdir()
         yield temporary
-        before = temporary.parent / f"-{path.name[:NAMED]}"
-        if path.is_dir() and not path.is_symlink():
-            # refuses the current folder and mount points, where deleting first would empty them
-            os.replace(path, before)
-        try:
-            os.replace(temporary, path)
-        finally:
-            if before.exists() and not path.exists():
-                os.replace(before, path)
 
 
 @contextmanager
 def _beside(path: Path) -> Iterator[Path]:
     """Context manager that yields a path with the name of `path`, in a temporary folder beside it
-    that is removed at the end. Such folders that killed processes have left for this name are
+    that is removed at the end. What the block makes there replaces `path`, unless `free` found this
+    free and it has appeared since. Such folders that killed processes have left for this name are
     removed first; those of living ones are locked. Errors name `path` instead."""
     start = f".{path.name[:NAMED]}-"
     with writable(path):
@@ -106,12 +134,22 @@ def _beside(path: Path) -> Iterator[Path]:
                 if unused:
                     shutil.rmtree(left)
         with TemporaryDirectory(TEMPORARY, start, path.parent, True) as folder, _locked(folder):
-            temporary = Path(folder, path.name)
+            temporary, before = Path(folder, path.name), Path(folder, f"-{path.name[:NAMED]}")
             try:
                 yield temporary
+                free(path not in FREE, path)
             except HandbenchError as error:
                 error.args = (str(error).replace(str(temporary), str(path)),)
                 raise
+            if path.is_dir() and not path.is_symlink():
+                # refuses the current folder and mount points, where deleting first would empty them
+                os.replace(path, before)
+            try:
+                os.replace(temporary, path)
+            finally:
+                if before.exists() and not path.exists():
+                    os.replace(before, path)
+            FREE.discard(path)
 
 
 @contextmanager
@@ -135,8 +173,8 @@ def writable(path: Path) -> Iterator[None]:
     """Context manager for writing `path`. It creates the parent folder, and turns every OSError,
     also one in the block, into a HandbenchError."""
     try:
-        if "\0" in str(path):
-            raise OSError(errno.EINVAL, "a name cannot have a zero byte")
+        if re.search(r"^~/|\0", str(path)):
+            raise OSError(errno.EINVAL, "a name cannot be ~, nor have a zero byte")
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:

@@ -31,8 +31,9 @@ def workers() -> int:
     """Return the number of threads to use: HANDBENCH_WORKERS if set, otherwise the number of cores
     available to this process. Raises HandbenchError if HANDBENCH_WORKERS is not a whole number from
     1 on."""
-    cores = len(os.sched_getaffinity(0))
-    return setting("HANDBENCH_WORKERS", cores, "whole number of threads", int)
+    return setting(
+        "HANDBENCH_WORKERS", len(os.sched_getaffinity(0)), "whole number of threads", int
+    )
 
 
 def setting(name: str, default: Number, what: str, convert: Callable[[str], Any] = float) -> Number:

@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from handbench.bench.datasets.simulated import WRITTEN
-from handbench.cli.options import free_folder
+from handbench.support.files import free_folder
 from tests.refusals import refuse
 
 

@@ -16,10 +16,12 @@ from pydantic import Field
 
 from handbench.radar.data.arrays import load_positions
 from handbench.support.config import Config, parse, read_toml
+from handbench.support.errors import HandbenchError
 from handbench.support.files import (
     atomic_folder,
     atomic_path,
     content_hash,
+    free,
     inside,
     read_json,
     read_npz,
@@ -80,6 +82,17 @@ def test_a_folder_appears_complete_and_replaces_the_old_one(tmp_path):
             assert not (path / name).exists()
     assert [p.name for p in path.iterdir()] == ["second"]
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("write", [atomic_path, atomic_folder])
+def test_what_appears_while_a_command_works_is_kept(tmp_path, write):
+    path = tmp_path / "out"
+    free(False, path)
+    with pytest.raises(HandbenchError), write(path):
+        path.mkdir()
+    assert path.is_dir() and list(tmp_path.iterdir()) == [path]
+    (path / "file").touch()
+    refuse(lambda: free(False, path / "file" / "out"), "file")
 
 
 def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
