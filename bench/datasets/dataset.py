@@ -152,7 +152,7 @@ def _below(folder: Path, depth: int = DEPTH) -> list[Path]:
     ]
 
 
-def load_any_transform(file: Path | None) -> Transform:
+def load_any_transform(file: str | Path | None) -> Transform:
     """Read a transform to the radar frame from a file in handbench's format or, if the file is
     named alignment.json, in MAROON's.
 
@@ -161,6 +161,9 @@ def load_any_transform(file: Path | None) -> Transform:
     """
     if file is None:
         return identity("radar")
+    if not isinstance(file, str | Path):
+        raise HandbenchError("transform: is no path; expected a Transform, or a file of one")
+    file = Path(file)
     transform = load_alignment(file) if file.name == ALIGNMENT else load_transform(file)
     return transform.require(transform.source, "radar", file)
 

@@ -33,6 +33,7 @@ from handbench.groundtruth.mesh.surface import write_mesh
 from handbench.radar.data.echoes_file import save_capture
 from handbench.radar.simulation.scene import Choice
 from handbench.support.config import parse
+from handbench.support.errors import HandbenchError
 from handbench.support.files import atomic_folder, atomic_path, write_text
 from handbench.support.parallel import for_each
 from handbench.support.progress import say
@@ -40,6 +41,7 @@ from handbench.support.store import stage
 
 CAPTURE = "capture"  # folder of the stage that simulates a scene
 JPEG_QUALITY = 96
+MOST_FRAMES = 100_000
 # names of the files of a simulated capture
 WRITTEN = (
     TRUE_TRANSFORM,
@@ -83,6 +85,8 @@ def simulate_capture(scene: Scene, folder: str | Path, frames: int = 1) -> tuple
     them, photographs, true surface (of a moving target: that of each frame's start, with
     velocities) and description. Returns one row for each effect: whether it was simulated, and why.
     """
+    if frames not in range(1, MOST_FRAMES + 1):
+        raise HandbenchError(f"frames: is {frames!r}; expected a whole number, 1 to {MOST_FRAMES}")
     with atomic_folder(folder) as temporary:
         say(f"{scene.file.name}: echoes")
         radar_scene = echo_scene(scene)

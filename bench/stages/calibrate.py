@@ -71,6 +71,8 @@ def register_captures(
 def common_target(captures: Sequence[Path]) -> Target:
     """Return the description of the calibration target that all captures show.
     captures: their folders. Raises HandbenchError if their target descriptions differ."""
+    if not captures:
+        raise HandbenchError("captures: none is given; name one of the calibration target")
     targets = {capture: load_target(capture / TARGET) for capture in captures}
     for capture, target in targets.items():
         if target != targets[captures[0]]:

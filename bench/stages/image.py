@@ -68,8 +68,9 @@ def prepare(
     """
     require_near(echoes)
     echoes = thin_antennas(echoes, every_nth_antenna)
+    count = len(echoes.samples)
     for frame in frames:
-        if not 0 <= frame < (count := len(echoes.samples)):
+        if frame not in range(count):
             raise HandbenchError(
                 f"frame {frame}: does not exist; the capture has frames 0 to {count - 1} (a "
                 "benchmark's precision needs as many as its `repeats`)"

@@ -207,7 +207,7 @@ def suggest(name: str, known: list[str]) -> str:
 
     def likeness(each: str) -> list[float]:
         return [
-            SequenceMatcher(None, form(name.casefold()), form(each.casefold())).ratio()
+            SequenceMatcher(None, form(str(name).casefold()), form(each.casefold())).ratio()
             for form in (str, sorted)
         ]
 
