@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import matplotlib
@@ -17,10 +18,9 @@ import handbench
 from handbench.bench.datasets import simulated
 from handbench.bench.results.maps import SurfaceMap
 from handbench.cli.main import main
-from handbench.cli.options import free
 from handbench.reports.figures.layers import depth_layers, layers_figure
 from handbench.reports.figures.style import image_bytes
-from handbench.support.files import write_text
+from handbench.support.files import free, write_text
 from handbench.support.progress import print_json, print_lines, say
 from tests.refusals import refuse, refuse_command
 
@@ -80,13 +80,35 @@ def test_names_that_a_disk_cannot_hold_are_refused_and_others_written(tmp_path):
     refuse_command(["show", str(tmp_path / "circle")], "circle")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_command_that_is_ended_leaves_nothing(made, tmp_path, monkeypatch, number):
+def raised(number):
+    signal.raise_signal(number)
+
+
+def turned_into_another(number):
+    """As the import of a C extension does."""
+    try:
+        signal.raise_signal(number)
+    except KeyboardInterrupt:
+        raise ImportError from None
+
+
+def ignored(number):
+    class Called:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    Called()
+    time.sleep(9)
+
+
+@pytest.mark.parametrize("how", [raised, turned_into_another, ignored])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_command_that_is_ended_leaves_nothing(made, tmp_path, monkeypatch, capsys, how, number):
     signal.signal(number, signal.SIG_DFL)  # nohup ignores one of them
-    monkeypatch.setattr(simulated, "echoes", lambda *_: os.kill(os.getpid(), number))
+    monkeypatch.setattr(simulated, "echoes", lambda *_: how(number))
     scene = made / "bench" / "ball.toml"
     assert main(["simulate", str(scene), "-o", str(tmp_path / "cap")]) == 128 + number
-    assert not list(tmp_path.iterdir())
+    assert not list(tmp_path.iterdir()) and "Error" not in capsys.readouterr().err
 
 
 def test_what_a_killed_command_left_is_removed_by_the_next(tmp_path):
