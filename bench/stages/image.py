@@ -10,7 +10,7 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
-from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
+from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.methods.evidence import frames_with_echoes, require_evidence
@@ -147,9 +147,17 @@ def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> Me
 def image_point(method_id: str, config: dict[str, Any]) -> None:
     """Image a point 0.3 m in front of the built-in array by a method. The plan of the image, which
     depends on the geometry alone, is kept for later ones, and the kernels are compiled."""
-    array, chosen = qar50(), method(method_id)
+    chosen = method(method_id)
     settings = chosen.configure(config, f"method '{method_id}'")
-    legs_m = [np.linalg.norm(leg.position_m - (0.0, 0.0, 0.3), axis=1) for leg in array.legs]
-    turns = np.multiply.outer(settings.frequencies_hz / SPEED_OF_LIGHT_M_S, np.add.outer(*legs_m))
+    chosen.run(point_echoes(qar50(), settings.frequencies_hz, 0.3), settings, 0)
+
+
+def point_echoes(
+    array: AntennaArray, frequencies_hz: np.ndarray, z_m: float, times_s: np.ndarray | None = None
+) -> RadarCapture:
+    """Return the echoes of a point z_m metres straight in front of an array. times_s [f]: when each
+    tone is measured."""
+    legs_m = [np.linalg.norm(leg.position_m - (0.0, 0.0, z_m), axis=1) for leg in array.legs]
+    turns = np.multiply.outer(frequencies_hz / SPEED_OF_LIGHT_M_S, np.add.outer(*legs_m))
     samples = np.exp(-2j * np.pi * turns).astype(np.complex64)
-    chosen.run(RadarCapture(samples[None], settings.frequencies_hz, array), settings, 0)
+    return RadarCapture(samples[None], frequencies_hz, array, times_s=times_s)

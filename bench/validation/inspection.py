@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,34 +33,30 @@ from handbench.bench.datasets.native import (
     NativeCapture,
 )
 from handbench.bench.datasets.ti import is_ti_raw, raw_warnings, read_raw
-from handbench.bench.scenes.scene_file import SceneFile, named_files
-from handbench.bench.stages.image import configured, prepare, required_frames
+from handbench.bench.scenes.scene_file import SceneFile
+from handbench.bench.stages.image import configured, point_echoes, prepare, required_frames
 from handbench.bench.validation.captures import inspect_capture, inspect_photos, require_reference
-from handbench.bench.validation.checks import (
-    CHANNELS,
-    MAP,
-    MESH,
-    Report,
-    result_warnings,
-    units_of_array,
-)
+from handbench.bench.validation.checks import CHANNELS, MAP, MESH, Report, result_warnings
 from handbench.calibration.array_file import load_array
 from handbench.calibration.target import load_target
 from handbench.groundtruth.board import load_board
 from handbench.groundtruth.cameras import load_cameras
-from handbench.groundtruth.mesh.surface import read_surface, read_triangles
+from handbench.groundtruth.mesh.surface import read_surface
 from handbench.groundtruth.pictures import SUFFIXES
-from handbench.radar.data.arrays import AntennaArray, load_positions
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.echoes_file import load_capture
-from handbench.radar.methods.ability import abilities, methods_of_tones
-from handbench.radar.methods.evidence import frame_problems, needed_tones
+from handbench.radar.methods.ability import abilities, further_settings
+from handbench.radar.methods.evidence import frame_problems
+from handbench.radar.methods.fsk import Fsk, FskEchoes
 from handbench.radar.methods.registry import method
-from handbench.support.config import load, read_toml
+from handbench.support.config import inline_toml, load, read_toml
 from handbench.support.errors import HandbenchError
 from handbench.support.files import read_json, real
 from handbench.support.progress import is_terminal, print_lines, print_wrapped, track
+
+if TYPE_CHECKING:
+    from handbench.bench.scenes.build import Scene
 
 # what reads a file, and the checks of its content: by the end of its name, or by a key in it
 READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[str]], ...]]] = {
@@ -73,6 +69,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[s
     **dict.fromkeys(("marker", "charuco"), (load_board, ())),
 }
 OFFERED = ("2fsk", "3fsk", "narrowband", "broadband", "nfsk", "joint")
+FIRST = "first_depth_m"  # a method's key that may be "auto"
 HAND_M = 0.3  # depth for which a resolution is given, if the description has none
 JSON = "cameras, an array's calibration or a transform"
 
@@ -126,8 +123,9 @@ def _inspect_file(path: Path, report: Report) -> list[NativeCapture]:
         file = find_benchmark(str(path))
         is_json = suffix == ".json"
         kinds = read_json(file, JSON) if is_json else read_toml(file, "a benchmark or a scene")
+        kinds = kinds if isinstance(kinds, dict) else {}
         if "target" in kinds:
-            inspect_scene(file, report)
+            _inspect_scene(file)
             return []
     known = [READERS[kind] for kind in READERS if kind in kinds]
     if not known and suffix != ".json":
@@ -162,10 +160,9 @@ def _inspect_captures(folders: Sequence[Path], report: Report) -> list[NativeCap
     for folder in track(folders, "captures"):
         if opened := inspect_capture(folder, report):
             capture, echoes = opened
-            if len(folders) == 1 and not [*units_of_array(echoes)]:
-                of_methods = {id: configured(capture.about, id, {}) for id in OFFERED}
+            if len(folders) == 1 and all(report.lines.values()):
                 report.notes += abilities(echoes, capture.about.distance_m or HAND_M)
-                report.notes += methods_of_tones(echoes, of_methods)
+                _inspect_methods(capture.about, echoes, report, folder)
             if capture.truth is None and capture.mesh() and not capture.transform():
                 report.warn(folder, [f"has a mesh, but no {TRANSFORM} to compare depths with it"])
             other = recorded.setdefault(capture.about.name, capture)
@@ -178,21 +175,21 @@ def _inspect_captures(folders: Sequence[Path], report: Report) -> list[NativeCap
     return list(recorded.values())
 
 
-def inspect_scene(path: Path, report: Report) -> SceneFile | None:
-    """Read a scene file and the files that it names, and report their problems. Returns its
-    content; None if it is wrong."""
-    scene = report.read(path, partial(load, SceneFile, path, "a scene description"))
-    if scene is None:
-        return None
+def _built(scene: SceneFile, folder: Path) -> "Scene":
+    """Build a scene and choose its effects, as its simulation does before its long work. folder: of
+    the files that the scene names. Raises HandbenchError if it cannot be simulated."""
+    from handbench.bench.scenes.build import build  # with Open3D
+    from handbench.bench.scenes.echoes import echo_scene
+    from handbench.radar.simulation.catalogue import choose
 
-    for file in report.read(path, partial(named_files, scene, path.parent)) or ():
-        if file.is_dir():
-            for name in ("tx_m.csv", "rx_m.csv"):
-                report.read(path, partial(load_positions, file / name))
-        else:
-            read = load_target if file.suffix == ".toml" else read_triangles
-            report.read(path, partial(read, file))
-    return scene
+    placed = build(scene, folder)
+    choose(echo_scene(placed), scene.effects)
+    return placed
+
+
+def _inspect_scene(path: Path) -> None:
+    """Raise HandbenchError for a scene file that cannot be simulated."""
+    _built(load(SceneFile, path, "a scene description"), path.parent)
 
 
 def inspect_benchmark(name: str, report: Report) -> list[NativeCapture]:
@@ -230,7 +227,8 @@ def _inspect_target(base: Path, origin: Origin, report: Report) -> None:
     """Read a capture or scene for a benchmark's calibration, and report its problems. base: folder
     of the benchmark file."""
     if origin.scene is not None:
-        inspect_scene(real(base, origin.scene, "calibration.scene"), report)
+        file = real(base, origin.scene, "calibration.scene")
+        report.read(file, partial(_inspect_scene, file))
         return
     folder = real(base, origin.path or "", "calibration.path")
     inspect_capture(folder, report, 1)
@@ -260,11 +258,15 @@ def _inspect_source(
             report.read(path, partial(require_reference, recorded, bool(bench.calibration)))
     else:
         file = real(path.parent, source.scene or "", "capture.scene")
-        if inspect_scene(file, report) is None:
-            return {}
         scenes = [scene_of(bench, path.parent, one)[0] for one in source.each()]
         names = [scene.name for scene in scenes]
-        about, echoes = CaptureFile(name=names[0]), _echoes_of(scenes[0], bench.frames_of(source))
+        scene = report.read(file, partial(_built, scenes[0], file.parent))
+        if scene is None:
+            return {}
+        about, sensor = CaptureFile(name=names[0]), scene.file.sensor
+        times_s = sensor.step_time_s * np.arange(len(sensor.frequencies_hz))
+        distance_m = scene.file.target.distance_m
+        echoes = point_echoes(scene.array, sensor.frequencies_hz, distance_m, times_s)
     for entry in bench.method:
         where = f"{path}: capture '{about.name}' with method '{entry.label}'"
         if entry.maps is not None and "accuracy" in source.measures:
@@ -276,33 +278,55 @@ def _inspect_source(
 
                     report.warn(file, mirror_warnings(depth, surface))
         if not entry.foreign and ("accuracy" in source.measures or entry.precision):
-            frames = bench.frames if "accuracy" in source.measures else 1
-            report.read(where, partial(_require_imaged, entry, about, echoes, frames))
+            frames = bench.frames if recorded and "accuracy" in source.measures else 1
+            image = partial(_require_imaged, about, echoes, entry.id, entry.config, frames)
+            report.read(where, partial(image, entry.every_nth_antenna))
     return dict.fromkeys(names, recorded)
 
 
-def _echoes_of(scene: SceneFile, frames: int) -> RadarCapture:
-    """Return echoes with the tones and times of a scene, and without a signal."""
-    tones_hz = np.asarray(scene.sensor.frequencies_hz)
-    one = np.zeros((1, 3))
-    return RadarCapture(
-        np.zeros((frames, len(tones_hz), 1, 1), np.complex64),
-        tones_hz,
-        AntennaArray(one, one),
-        times_s=scene.sensor.step_time_s * np.arange(len(tones_hz)),
-    )
-
-
 def _require_imaged(
-    entry: MethodEntry, about: CaptureFile, echoes: RadarCapture, frames: int
+    about: CaptureFile,
+    echoes: RadarCapture,
+    id: str,
+    config: dict[str, Any],
+    frames: int = 1,
+    every_nth_antenna: int = 1,
 ) -> None:
     """Raise HandbenchError if a method cannot image the first frames of a capture."""
-    settings = configured(about, entry.id, entry.config)
-    if echoes.samples.any():
-        needed = required_frames(echoes, frames)
-        prepare(echoes, method(entry.id), settings, needed, entry.every_nth_antenna)
-    else:  # a scene's, before it is simulated
-        needed_tones(echoes, settings)
+    settings = configured(about, id, config)
+    needed = required_frames(echoes, frames)
+    task = prepare(echoes, method(id), settings, needed, every_nth_antenna)
+    if isinstance(settings, Fsk):
+        FskEchoes.of(task.echoes, settings, 0)  # finds the first depth, if it is "auto"
+
+
+def _inspect_methods(about: CaptureFile, echoes: RadarCapture, report: Report, place: Path) -> None:
+    """Note which methods can image a capture, and which could with other settings in its
+    description. Report a problem if none can."""
+    allowed: list[str] = []
+    offers: list[str] = []
+    problem = ""
+    measured = further_settings(echoes.frequencies_hz)
+    for id in OFFERED:
+        own = measured.get(id, {})
+        for config in ({}, own, own | {FIRST: about.distance_m or HAND_M}):
+            try:
+                _require_imaged(about, echoes, id, config)
+            except HandbenchError as error:
+                problem = problem or str(error)
+                continue
+            given = {key: inline_toml(value) for key, value in config.items()}
+            if config.get(FIRST) != own.get(FIRST):
+                given[FIRST] = "DISTANCE"
+            text = ", ".join(f"{key} = {value}" for key, value in given.items())
+            needs = f"{id} needs in {DESCRIPTION}, below [methods.{id}]: {text}"
+            offers.append(needs) if config else allowed.append(id)
+            break
+    report.notes += offers
+    if allowed:
+        report.notes.append(f"methods that its tones allow as they are: {', '.join(allowed)}")
+    elif not offers:
+        report.refuse(place, f"no method can image it ({problem})")
 
 
 def _map(bench: BenchFile, file: Path, entry: MethodEntry, about: CaptureFile) -> DepthMap:

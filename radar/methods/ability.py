@@ -10,16 +10,8 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, lateral_cell_m, range_cell_m
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.evidence import (
-    different_frames,
-    live_extents_m,
-    needed_tones,
-    shortest_m,
-)
+from handbench.radar.methods.evidence import different_frames, live_extents_m, shortest_m
 from handbench.radar.methods.fsk import ENOUGH
-from handbench.radar.methods.settings import MethodSettings
-from handbench.support.config import inline_toml
-from handbench.support.errors import HandbenchError
 
 LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
 CLIMB = 12.5  # ratio of the third tone's distance to that of the pair: 2.5 GHz in the paper
@@ -80,24 +72,15 @@ def measured_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
     return chosen
 
 
-def methods_of_tones(capture: RadarCapture, settings: dict[str, MethodSettings]) -> Iterator[str]:
-    """Yield a sentence about which methods the tones of a capture allow, and what its description
-    needs for others. settings: of each method, by its id."""
-    allowed, measured = [], measured_settings(capture.frequencies_hz)
+def further_settings(frequencies_hz: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Choose as `measured_settings` does, also for narrowband backprojection, n-FSK and the joint
+    estimate."""
+    measured = measured_settings(frequencies_hz)
     if fsk := measured.get("3fsk"):
         first_hz, _, third_hz = tones_hz = fsk["tones_hz"]
         measured["narrowband"] = {"tones_hz": tones_hz}
-        lowest_hz = float(capture.frequencies_hz.min())
+        lowest_hz = float(frequencies_hz.min())
         if lowest_hz < 2 * third_hz - first_hz:
             tones_hz = [*tones_hz, lowest_hz]
         measured |= dict.fromkeys(("nfsk", "joint"), fsk | {"tones_hz": tones_hz})
-    for id, each in settings.items():
-        try:
-            needed_tones(capture, each)
-            allowed.append(id)
-        except HandbenchError:
-            if own := measured.get(id):
-                values = ", ".join(f"{key} = {inline_toml(value)}" for key, value in own.items())
-                yield f"{id} needs in capture.toml, below [methods.{id}]: {values}"
-    if allowed:
-        yield f"methods that its tones allow as they are: {', '.join(allowed)}"
+    return measured

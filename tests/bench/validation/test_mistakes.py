@@ -143,7 +143,8 @@ ECHOES = {
 @pytest.mark.parametrize(("change", "cure"), ECHOES.values(), ids=ECHOES)
 def test_a_mistake_in_the_echoes_is_named_with_its_cure(right, tmp_path, change, cure):
     lines = inspect(str(written(tmp_path / "plate", change(right)))).lines
-    assert len(lines) == (cure is not None) and all(cure in line for line in lines)
+    named = [line for line in lines if lines[line]] or [*lines]
+    assert len(named) == (cure is not None) and all(cure in line for line in named)
 
 
 CROSS = AntennaArray(*(np.linspace(-0.07, 0.07, 20)[:, None] * np.eye(3)[axis] for axis in (0, 1)))
