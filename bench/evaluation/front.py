@@ -58,15 +58,13 @@ def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.D
     """Add to the figures of methods their rank: on_front; on_own_front, among the methods of the
     same id; dominated_by, the most accurate method on the front that beats it ("" on the front).
     ids: name → id; a name that is missing is its own id."""
-    costs: Any = np.stack(
-        [settings.seconds, settings.error, -settings.share_percent.fillna(0.0)], axis=1
-    )
+    error, share_percent = settings.error.round(3), settings.share_percent.fillna(0.0).round(1)
+    costs: Any = np.stack([settings.seconds, error, -share_percent], axis=1)  # as far as they count
     beats = (costs[:, None] <= costs).all(axis=-1) & (costs[:, None] < costs).any(axis=-1)
     names = settings.index.to_numpy()
     own = np.array([(ids or {}).get(name, name) for name in names])
     on_front = ~beats.any(axis=0)
-    error = settings.error.to_numpy()
-    best = np.where(beats & on_front[:, None], error[:, None], np.inf).argmin(axis=0)
+    best = np.where(beats & on_front[:, None], costs[:, 1:2], np.inf).argmin(axis=0)
     return settings.assign(
         on_front=on_front,
         on_own_front=~(beats & (own[:, None] == own)).any(axis=0),

@@ -30,6 +30,7 @@ AGAINST = {
     "truth": "against the true surface",
 }
 STARS = "; ★: best, or not shown to be worse"
+INTERVALS = "; below a figure its 95 % interval"
 PAIRS = (  # the main ones
     {"3fsk", "2fsk"},
     {"3fsk", "broadband"},
@@ -99,8 +100,9 @@ def figures(result: Result, lines: pd.DataFrame, stars: bool = True) -> Table:
     """Return figures as a table with a row for each method and a column for each metric and
     treatment. Below a figure are its interval and the paper's figure. A star marks the best of
     the tested figures and all that are not shown to be worse, unless all are.
-    lines: of the result's table or of `Result.equal`, each metric against one reference. stars:
-    False for figures that were not tested."""
+    lines: of the result's table or of `Result.equal`, each metric against one reference, which the
+    heading says if it is not that of the first. stars: False for figures that were not tested."""
+    main = next(iter(lines.reference), "")
     texts: dict[str, dict[str, str]] = {}
     starred: list[str] = []
     lines = lines.dropna(subset="value")
@@ -111,8 +113,10 @@ def figures(result: Result, lines: pd.DataFrame, stars: bool = True) -> Table:
     )
     for (metric, treatment), of_metric in groups.items():
         words = f"{on_common_pixels(metric)}, {TREATMENTS[treatment]}" if treatment else ""
+        if (reference := of_metric.reference.iloc[0]) != main:
+            words += f", {against(result, reference)}"
         heading = f"{result.title(metric)}{words} ({of_metric.unit.iloc[0]})"
-        tests = result.compared(metric, of_metric.reference.iloc[0], treatment)
+        tests = result.compared(metric, reference, treatment)
         names = best(tests)
         if not stars or tests.worse.isin(names).all():
             names = []
@@ -121,8 +125,8 @@ def figures(result: Result, lines: pd.DataFrame, stars: bool = True) -> Table:
             line.method: "★ " * (line.method in names) + _cell(line) for line in each(of_metric)
         }
     titles = pd.DataFrame(texts).fillna(NONE).rename(result.about.method_titles)
-    caption = against(result, next(iter(lines.reference), ""))
-    caption = caption[:1].upper() + caption[1:] + STARS * bool(starred)
+    caption = against(result, main).capitalize()
+    caption += INTERVALS * bool(lines.low.notna().any()) + STARS * bool(starred)
     return Table(caption, titles.rename_axis("method"))
 
 
