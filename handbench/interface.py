@@ -252,9 +252,9 @@ class Depth(Delegating, Plottable):
         depths = (
             f"{seen_mm.min():.1f} to {seen_mm.max():.1f} mm" if len(seen_mm) else "nothing seen"
         )
-        pixels = " × ".join(map(str, self.z_m.shape))
         return (
-            f"<handbench.Depth {self.method}: {pixels} pixels, {len(seen_mm)} on target, {depths}>"
+            f"<handbench.Depth {self.method}: {' × '.join(map(str, self.z_m.shape))} pixels, "
+            f"{len(seen_mm)} on target, {depths}>"
         )
 
     def _figure(self) -> Figure:

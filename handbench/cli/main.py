@@ -88,8 +88,9 @@ def _run(arguments: Sequence[str] | None) -> None:
 def _prepare(end: Any) -> None:
     """Have streams that are closed be the null device, so that no file gets their numbers; have
     signals that end a command call `end`, again if Python ignored what this raised, as it does in
-    callbacks; and draw pictures without windows, whatever MPLBACKEND asks for."""
+    callbacks; and draw pictures without windows and dates, whatever the variables of these say."""
     os.environ["MPLBACKEND"] = "agg"
+    os.environ.pop("SOURCE_DATE_EPOCH", None)
     for name, mode in {"stdin": "r", "stdout": "w", "stderr": "w"}.items():  # 0, 1, 2
         if getattr(sys, name) is None:
             stream = open(os.devnull, mode)  # noqa: SIM115  which stays open

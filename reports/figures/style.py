@@ -218,7 +218,7 @@ def image_bytes(figure: Figure, kind: str = "png", style: Style = STYLE) -> byte
     for text in figure.findobj(Text):
         text.set_text("\n".join(map(printable, text.get_text().split("\n"))))
     stream = io.BytesIO()
-    undated = {"CreationDate": None} if kind == "pdf" else None
+    undated = {"CreationDate" if kind == "pdf" else "Date": None}
     with styled(style), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # of a script that the font does not have
         figure.savefig(stream, format=kind, metadata=undated)

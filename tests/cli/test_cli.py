@@ -46,10 +46,12 @@ REFUSALS = [  # a command line, and places of its one line; `made` is the folder
     ("reconstruct short -o out.npz --method 2fsk", "echoes.h5", "[frame, 3, 94, 93]"),
     ("inspect missing.toml", "1 problem"),
     ("evaluate missing.npz --mesh missing.ply", "missing.npz"),
+    ("evaluate made/depth.npz --mesh m.ply --plot misspelt.toml/x.png", "misspelt.toml"),
     ("evaluate made/depth.npz --mesh missing.ply", "missing.ply"),
     ("evaluate made/depth.npz --mesh m.ply --plot x.txt", "x.txt", ".png"),
     ("show missing.npz -o x.png", "missing.npz"),
     ("show made/capture -o a.html", "a.html", ".png"),
+    ("show silent -o a.png", "silent", "echo"),
     ("show target -o full", "full", ".toml"),
     ("report missing -o out", "missing"),
     ("tradeoff missing.toml -o out", "missing.toml"),
@@ -66,11 +68,13 @@ def wrong(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "made").symlink_to(made)
     bench = (made / "bench" / "small.toml").read_text().replace("repeats", "repeat")
     (folder / "misspelt.toml").write_text(bench)
-    for name in ("nan", "short"):
+    for name in ("nan", "short", "silent"):
         shutil.copytree(made / "capture", folder / name)
         with h5py.File(folder / name / "echoes.h5", "a") as file:
             if name == "nan":
                 file["samples"][0, 1, 2, 3] = np.nan
+            elif name == "silent":
+                file["samples"][:] = 0
             else:
                 del file["rx_m"]
                 file["rx_m"] = qar50().rx_m[:-1]

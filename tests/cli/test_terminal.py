@@ -45,7 +45,9 @@ def test_what_a_terminal_obeys_is_shown_as_text(capsys):
     picture("手")  # without matplotlib's warning
 
 
-def test_pictures_take_nothing_of_the_user_s_settings():
+def test_pictures_take_nothing_of_the_user_s_settings(made, tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "junk")
+    assert main(["show", str(made / "depth.npz"), "-o", str(tmp_path / "a.pdf")]) == 0
     wanted = picture("a_b")
     with matplotlib.rc_context({"text.usetex": True, "savefig.bbox": "tight", "font.size": 20}):
         assert picture("a_b") == wanted
