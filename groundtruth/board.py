@@ -100,7 +100,7 @@ class Board(Config):
         The keys are the markers' ids, each with its corners [4, 3]; the ChArUco board, if there is
         one, has the key CHESSBOARD (−1) and its inner corners [n, 3].
         """
-        corners = {m.id: np.array(m.corners_m, dtype=np.float64) for m in self.marker}
+        corners = {m.id: np.array(m.corners_m, np.float64) for m in self.marker}
         return corners if self.charuco is None else corners | {CHESSBOARD: self.charuco.corners_m()}
 
     def cv_dictionary(self) -> Any:

@@ -22,6 +22,7 @@ rotation · X + translation, in metres if the project has a scale.
 import os
 import posixpath
 from collections import defaultdict
+from collections.abc import Sequence
 from math import prod
 from pathlib import Path, PureWindowsPath
 from typing import Any
@@ -58,7 +59,7 @@ RECORDS = {"images.bin": (64, 8, 24), "frames.bin": (64, 4, 16), "points3D.bin":
 SMALLEST_SKEW_PX = 0.05  # largest effect of B2 at the picture's edge that is ignored
 
 
-def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
+def cameras_of(photos: Sequence[Photo | Camera], path: Path) -> tuple[Camera, ...]:
     """Read the camera of each photograph from a cameras.json, a COLMAP model's folder or
     Metashape's XML.
 
@@ -72,7 +73,7 @@ def cameras_of(photos: tuple[Photo, ...], path: Path) -> tuple[Camera, ...]:
         read = (read_metashape if path.suffix.lower() == ".xml" else load_cameras)(path)
     cameras = []
     for photo in photos:
-        camera = _of_photo(photo, read, path)
+        camera = _of_photo(photo.name, read, path)
         if camera is None:
             missing = f"{path}: has no camera for the photograph {photo.name}"
             if not path.is_dir():
@@ -155,13 +156,12 @@ def cameras_in(model: "pycolmap.Reconstruction") -> tuple[Camera, ...]:
     return tuple(cameras)
 
 
-def _of_photo(photo: Photo, cameras: tuple[Camera, ...], where: Path) -> Camera | None:
-    """Return the camera of a photograph; None if there is none.
+def _of_photo(name: str, cameras: tuple[Camera, ...], where: Path) -> Camera | None:
+    """Return the camera of a photograph by its name; None if there is none.
 
     Names are compared whole, then without folders, then also without suffix. where: the file that
     the cameras are from, for messages. Raises HandbenchError if two names match.
     """
-    name = photo.name
     for cut in (str, posixpath.basename, lambda path: Path(path).stem):
         same = [one for one in cameras if cut(one.name) == cut(name)]
         if len(same) > 1:

@@ -85,12 +85,12 @@ class Camera(Config):
     @property
     def rotation(self) -> np.ndarray:
         """The rotation R from world to camera frame, as an array [3, 3]."""
-        return np.array(self.R, dtype=np.float64)
+        return np.array(self.R, np.float64)
 
     @property
     def translation_m(self) -> np.ndarray:
         """The translation t from world to camera frame, as an array [3], metres."""
-        return np.array(self.t, dtype=np.float64)
+        return np.array(self.t, np.float64)
 
     @property
     def centre_m(self) -> np.ndarray:
@@ -124,7 +124,7 @@ class Camera(Config):
 class CameraFile(Config):
     """The content of a `cameras.json` file."""
 
-    cameras: tuple[Camera, ...]
+    cameras: tuple[Camera, ...] = Field(min_length=1)
 
 
 def load_cameras(path: str | Path) -> tuple[Camera, ...]:

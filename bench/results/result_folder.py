@@ -238,13 +238,20 @@ def _require_figures(path: Path, scores: pd.DataFrame) -> None:
         )
 
 
-def _require_complete(result: Result) -> None:
-    methods, paths = result.about.method_titles, list[Path]()
+def map_files(result: Result) -> dict[Path, str]:
+    """Return the files of the depth maps and error maps of a result, each with the name of an array
+    that it must have."""
+    methods, files = result.about.method_titles, dict[Path, str]()
     for capture in result.scored():
-        sources = (*capture.references, *methods)
-        paths += [depth_path(result.folder, capture.name, source) for source in sources]
-        pairs = product(methods, capture.references)
-        paths += [errors_path(result.folder, capture.name, *pair) for pair in pairs]
+        for source in (*capture.references, *methods):
+            files[depth_path(result.folder, capture.name, source)] = "z_m"
+        for pair in product(methods, capture.references):
+            files[errors_path(result.folder, capture.name, *pair)] = "error_m"
+    return files
+
+
+def _require_complete(result: Result) -> None:
+    paths = map_files(result)
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise HandbenchError(

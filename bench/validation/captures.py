@@ -108,7 +108,7 @@ def inspect_photos(folder: Path, report: Report, scaled: bool = True) -> None:
     photos = report.read(folder, partial(find_photos, folder)) or ()
     board = report.read(described, partial(load_board, described)) if described.exists() else None
     cameras = report.read(posed, partial(cameras_of, photos, posed)) if posed.exists() else None
-    poses = [camera for camera in cameras or () if camera.R is not None and camera.t is not None]
+    poses = [camera for camera in cameras or () if camera.posed]
     if not described.exists() and len(poses) < FEWEST_POSES:
         text = (
             "nothing gives the scale of the photographs; add board.toml, or poses (R, t) to "

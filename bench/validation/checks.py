@@ -245,6 +245,8 @@ def result_warnings(result: Result) -> Iterator[str]:
 def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:
     """Yield a sentence if depths of a method's maps are 0 or less, and one if most are in doubt."""
     seen, doubtful, zeros = _counts(depths)
+    if not seen:
+        yield "no pixel has a depth; check the threshold, the first depth and the grid"
     if zeros:
         yield f"{zeros} depths are 0 or less, where no target is; no depth is written as NaN"
     if (percent := 100 * doubtful / max(seen, 1)) > CROWDED_PERCENT:

@@ -40,6 +40,7 @@ from handbench.bench.validation.checks import CHANNELS, MAP, MESH, Report, resul
 from handbench.calibration.array_file import load_array
 from handbench.calibration.target import load_target
 from handbench.groundtruth.board import load_board
+from handbench.groundtruth.camera_files import cameras_of
 from handbench.groundtruth.cameras import load_cameras
 from handbench.groundtruth.mesh.surface import read_surface
 from handbench.groundtruth.pictures import SUFFIXES
@@ -63,7 +64,7 @@ READERS: dict[str, tuple[Callable[[Path], Any], tuple[Callable[[Any], Iterator[s
     ".npz": (load_depthmap, MAP),
     ".h5": (load_capture, CHANNELS),
     **dict.fromkeys((".ply", ".obj", ".stl"), (read_surface, MESH)),
-    "cameras": (load_cameras, ()),
+    "cameras": (lambda path: cameras_of(load_cameras(path), path), ()),
     **dict.fromkeys(("tx", "rx"), (load_array, ())),
     "element": (load_target, ()),
     **dict.fromkeys(("marker", "charuco"), (load_board, ())),
@@ -139,9 +140,14 @@ def _inspect_folder(path: Path, report: Report) -> list[NativeCapture]:
     """Inspect a folder, and return its captures that can be read."""
     native = (path / ECHOES).exists()
     if (path / "result.json").is_file():
+        from handbench.bench.results.maps import read_map
         from handbench.bench.results.result_folder import load as load_result  # with scipy
+        from handbench.bench.results.result_folder import map_files
 
-        report.check(path, load_result(path), (result_warnings,))
+        result = load_result(path)
+        report.check(path, result, (result_warnings,))
+        for file, name in map_files(result).items():
+            report.read(file, partial(read_map, file, name))
     elif native or has_capture(path):
         return _inspect_captures([path] if native else captures(path), report)
     elif is_ti_raw(path):

@@ -119,7 +119,7 @@ def _cast(
     # In single precision, coordinates are relative to the middle of the grid and the front of the
     # mesh.
     origin_m = np.array([np.mean(x_m), np.mean(y_m), used_m[:, 2].min()])
-    rays = np.zeros((len(y_m), len(x_m), 6), dtype=np.float32)
+    rays = np.zeros((len(y_m), len(x_m), 6), np.float32)
     rays[..., 0], rays[..., 1] = np.meshgrid(x_m - origin_m[0], y_m - origin_m[1])
     rays[..., 2] = -CLEARANCE_M
     rays[..., 5] = 1

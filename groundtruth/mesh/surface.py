@@ -115,8 +115,8 @@ def mesh(vertices_m: np.ndarray, faces: np.ndarray) -> TriangleMesh:
     whose corners run counter-clockwise seen from outside."""
     o3d = load_open3d()
     return o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, dtype=np.float64)),
-        o3d.utility.Vector3iVector(np.ascontiguousarray(faces, dtype=np.int32)),
+        o3d.utility.Vector3dVector(np.ascontiguousarray(vertices_m, np.float64)),
+        o3d.utility.Vector3iVector(np.ascontiguousarray(faces, np.int32)),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import RadarCapture, thin_antennas
 from handbench.radar.data.echoes_file import load_capture, save_capture
 from handbench.support.config import parse
+from tests.golden_files import GOLDEN
 from tests.refusals import refuse
 
 VERTICES_M = np.array([(0, 0, 0.3), (0.1, 0, 0.4), (0, 0.1, 0.3)])
@@ -199,6 +201,8 @@ def test_every_problem_of_a_benchmark(tmp_path, captures, methods, places):
         ("a.json", json.dumps({"format": "handbench-array", "tx": {}}), "tx"),
         ("a.json", json.dumps({"from": "photo", "to": "radar"}), "matrix"),
         ("a.json", "[1]", "[1]"),
+        ("a.json", "3", "3"),
+        ("a.json", '{"cameras": []}', "cameras"),
         ("a.toml", "version =\n", "line 1"),
         ("a.toml", "[[element]]\ncentre_m = 3", "element.0"),
         ("a.npz", "PK", "npz"),
@@ -249,3 +253,10 @@ def test_the_command_counts_and_fails(tmp_path, small_bench, capsys):
             (folder / "truth.ply").write_bytes(b"")
     refuse(lambda: show([str(tmp_path / "data")]), "2 problems", "3 warnings", "1 input")
     assert capsys.readouterr().out.count("\n") == 5
+
+
+def test_every_map_of_a_result_is_read(tmp_path):
+    shutil.copytree(GOLDEN / "result", tmp_path, dirs_exist_ok=True)
+    for name in ("depth/B__truth.npz", "errors/F__2fsk__truth.npz"):
+        (tmp_path / name).write_bytes(b"PK")
+    named(tmp_path, "B__truth", "F__2fsk__truth")
