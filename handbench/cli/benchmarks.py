@@ -90,7 +90,6 @@ def report(options: argparse.Namespace) -> None:
     methods. Prints the path of the first page."""
     from handbench.reports.page.html import build, build_several
 
-    free_folder(options.out, True, ("index.html", "*"))
     one, *others = options.results
     first = build_several(options.results, options.out) if others else build(one, options.out)
     print_lines(f"report: {first}")

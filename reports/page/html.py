@@ -1,7 +1,6 @@
 """The report of a result: tables, figures and HTML pages, each of which needs no other files. And
 that of several: the report of each, and one page that shows all of their methods."""
 
-import os
 from collections.abc import Generator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
@@ -37,12 +36,15 @@ from handbench.reports.tables.table import (
 )
 from handbench.reports.tables.writers import COLUMN_PT, latex, markdown
 from handbench.support.errors import HandbenchError
-from handbench.support.files import write_text
+from handbench.support.files import atomic_folder, free_folder, write_text
 from handbench.support.parallel import script_left_out, workers
 from handbench.support.progress import track
 
 ABREAST = 12  # captures on a page
 FIRST = "index.html"
+TITLE = b"handbench report</title>"  # ends so in FIRST
+FILES = ("index.html", "pages/*.html", "column.tex", "table.*", "comparisons.*", "figures/*.*")
+WRITTEN = (*FILES, *(f"report-[1-9]*/{name}" for name in FILES))  # every file of a report
 STILL_PX = 272  # height of a capture's picture beside its table
 PICTURES = 3  # captures of a result beside each of its methods, on the page of several results
 HEIGHT_PX = 160  # of their pictures
@@ -68,20 +70,32 @@ def build(folder: str | Path, out: str | Path) -> Path:
         folder: a result folder.
         out: where a result's report is written: index.html, table.md, table.tex, column.tex,
             table.csv, comparisons.*, figures/*.png and *.pdf and, for many captures,
-            pages/*.html. Files of an earlier report are replaced, its further pages removed, other
-            files left unchanged.
+            pages/*.html. It replaces an earlier report, the whole folder, when it is
+            complete.
 
     Raises:
-        HandbenchError: `out` is the result folder itself.
+        HandbenchError: `out` has files that no report wrote.
     """
-    folder, out = Path(folder), Path(out)
-    result = load(folder)
-    if os.path.realpath(out) == os.path.realpath(folder):
+    result, out = load(folder), Path(out)
+    _require_ours(out)
+    with atomic_folder(out) as temporary:
+        _write(result, temporary)
+    return out / FIRST
+
+
+def _require_ours(out: Path) -> None:
+    """Raise a HandbenchError if a folder has a file that no report wrote."""
+    free_folder(out, True, WRITTEN)
+    index = out / FIRST
+    if index.is_file() and TITLE not in index.read_bytes():
         raise HandbenchError(
-            f"{out}: is the result folder itself, whose table.csv the report would overwrite; "
-            "choose another folder"
+            f"{index}: no report wrote this file, so its folder is not replaced; choose another "
+            "folder, or move the file away"
         )
-    rendering.begin(out)
+
+
+def _write(result: Result, out: Path) -> None:
+    """Write the report of a result into a folder."""
     main, every = summary.main_table(result), every_figure(result)
     compared = not result.comparisons.empty
     tests = [differences(result, main) for main in (True, False) if compared]
@@ -92,9 +106,7 @@ def build(folder: str | Path, out: str | Path) -> Path:
     write_text(
         out / "column.tex", latex("tab:column", of_paper(result) or main, width_pt=COLUMN_PT)
     )
-    copyfile(folder / "table.csv", out / "table.csv")
-    for old in out.glob("pages/[0-9][0-9][0-9]*.html"):
-        old.unlink()
+    copyfile(result.folder / "table.csv", out / "table.csv")
     pages = by_page(result.scored())
     shared = {
         "about": result.about,
@@ -108,7 +120,6 @@ def build(folder: str | Path, out: str | Path) -> Path:
         for path in list(pages)[1:]:
             group = list(islice(captures, len(pages[path])))
             write_text(out / path, render("captures.html", path=path, captures=group, **shared))
-    titles = result.about.method_titles
     write_text(
         out / FIRST,
         render(
@@ -121,28 +132,29 @@ def build(folder: str | Path, out: str | Path) -> Path:
             every_figure=every,
             overview=rendering.images(lambda: plots.overview(result), out / "figures"),
             settings=[
-                settings(result, *ranked, titles) for ranked in ranked_methods(result).items()
+                settings(result, *ranked, result.about.method_titles)
+                for ranked in ranked_methods(result).items()
             ],
             tests=tests,
             details=sections.details(result),
             **shared,
         ),
     )
-    return out / FIRST
 
 
 def build_several(folders: Sequence[Path], out: Path) -> Path:
     """Write the report of each result folder to `out`/report-1, report-2, …, and `out`/index.html
     with a row for each result and method. Returns the path of index.html."""
     results = [load(folder) for folder in folders]
-    rendering.begin(out)
-    rows = []
-    for number, result in enumerate(results, 1):
-        page = build(result.folder, out / f"report-{number}").relative_to(out)
-        rows += [(page, result.folder, *_cells(result, method)) for method in methods(result)]
-    text = render("several.html", rows=rows, metric=results[0].title(HEADLINE))
-    write_text(out / "index.html", text)
-    return out / "index.html"
+    _require_ours(out)
+    with atomic_folder(out) as temporary:
+        rows = []
+        for number, result in enumerate(results, 1):
+            _write(result, temporary / f"report-{number}")
+            rows += [(number, result.folder, *_cells(result, method)) for method in methods(result)]
+        text = render("several.html", rows=rows, metric=results[0].title(HEADLINE))
+        write_text(temporary / FIRST, text)
+    return out / FIRST
 
 
 def _cells(result: Result, method: DrawnMethod) -> tuple[str, str, list[Image]]:
@@ -158,8 +170,7 @@ def _cells(result: Result, method: DrawnMethod) -> tuple[str, str, list[Image]]:
     for capture in result.scored()[:PICTURES]:
         picture = scene3d.still(result, capture, method.name)
         alt = f"Errors of {method.title} on capture {capture.name}, seen from the array."
-        shown = HEIGHT_PX / picture.height
-        pictures.append(rendering.image(picture, alt, capture.name, shown=shown))
+        pictures.append(rendering.image(picture, alt, capture.name, HEIGHT_PX / picture.height))
     return method.title, error, pictures
 
 
@@ -208,11 +219,10 @@ def _draw(result: Result, folder: Path, capture: CaptureFacts, paper: bool) -> D
             alt += f" Colours: the errors of {result.about.method_titles[shown]}; {SIGNED}."
         seen = scene3d.still(result, capture, shown)
         still = rendering.image(seen, alt, alt, shown=STILL_PX / seen.height)
-    draw = partial(panels, result, capture)
     return Drawn(
         facts=capture,
         table=summary.capture_table(result, capture),
-        pictures=rendering.images(draw, folder, paper),
+        pictures=rendering.images(partial(panels, result, capture), folder, paper),
         film=_film(result, capture, folder),
         still=still,
         scene=scene,

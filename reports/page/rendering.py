@@ -4,6 +4,7 @@ that allows nothing else."""
 import base64
 import hashlib
 import io
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -16,11 +17,11 @@ from PIL import Image as Pixels
 
 from handbench.reports.figures.style import COLUMN, PAGE, Picture, save, styled
 from handbench.reports.tables import writers
-from handbench.support.files import atomic_path, write_text
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH_PX = 1900  # of a picture inside a page at most; the files have full resolution
 QUALITY = 82  # of WebP
+CONTROLS = re.compile(r"[^\n\t -~\xa0-\U0010ffff]")  # which HTML has not and terminals obey
 SHOWN = 0.42  # CSS pixels for one of the file's: text as large as the page's small print
 
 
@@ -40,25 +41,16 @@ class Image:
     kinds: tuple[str, ...] = ()
 
 
-def begin(out: Path) -> None:
-    """Write a placeholder index.html into a folder that has none. It marks the folder as that of a
-    report, so that an interrupted report can be overwritten."""
-    if not (out / "index.html").exists():
-        write_text(out / "index.html", "<p>This report is not finished: make it again.\n")
-
-
 def images(draw: Callable[[], Iterable[Picture]], folder: Path, paper: bool = True) -> list[Image]:
     """Write pictures into `folder`, and return them as images to embed in a page.
     The files are STEM.png in high resolution and, if `paper`, STEM.pdf, drawn again for one column
-    of a paper; the STEM.pdf of an earlier report is removed. Each figure is released before the
-    next is drawn.
+    of a paper. Each figure is released before the next is drawn.
 
     draw: function that makes the pictures.
     """
     written = []
     with styled(PAGE):
         for picture in draw():
-            (folder / f"{picture.stem}.pdf").unlink(missing_ok=True)
             save(picture.figure, file := folder / f"{picture.stem}.png", PAGE)
             embedded = image(Pixels.open(file), picture.alt, picture.caption, SHOWN)
             kinds = ("pdf", "png") if paper else ("png",)
@@ -83,10 +75,9 @@ def image(picture: Pixels.Image, alt: str, caption: str = "", shown: float = 1.0
 
 
 def film_image(content: bytes, text: str, file: Path) -> Image:
-    """Write a film, the bytes of a GIF, to a file, and return it ready to be embedded in a page.
-    text: its caption, also for screen readers."""
-    with atomic_path(file) as temporary:
-        temporary.write_bytes(content)
+    """Write a film, the bytes of a GIF, to a file of an existing folder, and return it ready to be
+    embedded in a page. text: its caption, also for screen readers."""
+    file.write_bytes(content)
     width, height = Pixels.open(io.BytesIO(content)).size
     return Image(_uri("gif", content), width, height, text, text, file.stem, ("gif",))
 
@@ -97,9 +88,9 @@ def _uri(kind: str, content: bytes) -> str:
 
 def render(template: str, **facts: Any) -> str:
     """Return an HTML page made from a template of this package and the values `facts`.
-    Texts are escaped. The page's security policy allows only this package's style and script,
-    identified by their hashes."""
-    return _environment().get_template(template).render(**facts)
+    Texts are escaped, and their control characters replaced. The page's security policy allows only
+    this package's style and script, identified by their hashes."""
+    return CONTROLS.sub("\ufffd", _environment().get_template(template).render(**facts))
 
 
 @cache

@@ -23,9 +23,9 @@ from handbench.reports.figures.depth_maps import panels
 from handbench.reports.figures.layers import ERRORS
 from handbench.reports.figures.style import STYLE
 from handbench.reports.page import html, rendering, scene3d, sections, summary
-from handbench.support.files import read_json, write_json
+from handbench.support.files import read_json, write_json, write_text
 from tests.golden_files import RESULT, renamed
-from tests.refusals import refuse
+from tests.refusals import refuse_command
 
 SCRIPT = "<script>alert(1)<&script>"  # as near to a closing tag as a file name gets
 
@@ -36,6 +36,7 @@ def report(tmp_path_factory):
     folder = renamed(tmp_path_factory.mktemp("hostile") / "r", {"B": SCRIPT})
     facts = read_json(folder / "result.json", "")
     facts["captures"][1]["measures"] = ["precision"]
+    facts["machine"]["host"] = "\x1b\x9b"  # which a terminal would obey
     write_json(folder / "result.json", facts)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(rendering.PAGE, "savefig.dpi", 50)  # for speed
@@ -61,6 +62,7 @@ def images(text):
 
 def test_the_page_is_self_contained_and_escaped(report):
     text = (report / "index.html").read_text(encoding="utf-8")
+    assert "\ufffd\ufffd" in text and "\x1b" not in text
     assert not re.search(r"<(i|b>50|link|iframe|object)\b|(src|href)=\"?(http|/|\.)", text)
     assert len(images(text)) == text.count("<img") == 8
     for source, description in images(text):
@@ -78,8 +80,6 @@ def test_the_page_is_self_contained_and_escaped(report):
 def reports(tmp_path_factory):
     """The page of the golden result and itself, without pictures of their figures."""
     out = tmp_path_factory.mktemp("reports")
-    (out / "report-1").mkdir()
-    (out / "report-1" / "notes.txt").write_text("mine")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HANDBENCH_WORKERS", "1")
         patch.setattr(rendering, "images", lambda pictures, folder, paper=True: [])
@@ -87,14 +87,13 @@ def reports(tmp_path_factory):
         return html.build_several([RESULT, RESULT], out)
 
 
-def test_a_report_shows_effects_and_failures_and_leaves_other_files(reports):
+def test_a_report_shows_effects_and_failures(reports):
     out = reports.parent
     text = (out / "report-1" / "index.html").read_text(encoding="utf-8")
     assert "U: score failed: &lt;b&gt;no" in text
     assert "1 of 1" in text and "0.25" in text and "Every pair of methods" in text
     assert "★ " not in text  # nothing is tested, so no method has the best figure
     assert (out / "report-2" / "index.html").read_text(encoding="utf-8") == text
-    assert (out / "report-1" / "notes.txt").read_text() == "mine"
 
 
 def test_several_results_have_one_page_with_a_row_for_each_method(reports):
@@ -104,10 +103,15 @@ def test_several_results_have_one_page_with_a_row_for_each_method(reports):
     assert hrefs == 4 * ["report-1/index.html"] + 4 * ["report-2/index.html"]
 
 
-def test_never_writes_over_the_result(tmp_path):
+def test_replaces_no_file_of_others(tmp_path, reports):
     folder = shutil.copytree(RESULT, tmp_path / "result")
-    refuse(lambda: html.build(folder, folder), str(folder))
+    refuse_command(["report", str(folder), "-o", str(folder)], str(folder))
     assert (folder / "table.csv").read_bytes() == (RESULT / "table.csv").read_bytes()
+    site = shutil.copytree(reports.parent, tmp_path / "site")
+    for name in ("index.html", "report-1/notes.txt"):
+        write_text(site / name, "mine")
+        refuse_command(["report", str(RESULT), "-o", str(site)], name)
+        assert (site / name).read_text() == "mine"
 
 
 def test_depth_maps_share_scale_and_axes_seen_from_the_array():
@@ -134,12 +138,11 @@ def test_pages_are_the_same_from_one_process_and_from_two(tmp_path, monkeypatch)
     written = []
     for count in ("1", "2"):
         monkeypatch.setenv("HANDBENCH_WORKERS", count)
-        out = tmp_path / count
-        (out / "pages").mkdir(parents=True)
-        (out / "pages/007.html").write_text("of an earlier report")
+        out = tmp_path / "out"
         html.build(RESULT, out)
         files = sorted(out.rglob("*.html"))
         written.append({str(file.relative_to(out)): file.read_text("utf-8") for file in files})
+        write_text(out / "pages/007.html", "of an earlier report")
     assert written[0] == written[1]
     first, further = written[0]["index.html"], written[0]["pages/001.html"]
     assert len(written[0]) == 2
