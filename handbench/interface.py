@@ -17,7 +17,7 @@ from handbench.bench.stages.image import configured, image, prepare
 from handbench.bench.validation.checks import CHANNELS, warnings_of
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface
-from handbench.radar.data.arrays import AntennaArray
+from handbench.radar.data.arrays import AntennaArray, numbers
 from handbench.radar.data.capture import RadarCapture, as_complex64, fitting_unit, to_capture
 from handbench.radar.data.depthmap import DepthMap, load_depthmap
 from handbench.radar.data.grid import PixelGrid
@@ -166,7 +166,7 @@ def stream(
 
     def imaged(samples: np.ndarray) -> Depth:
         nonlocal begun
-        echoes = RadarCapture(as_complex64(np.asarray(samples))[None], asked_hz, array)
+        echoes = RadarCapture(as_complex64(numbers("samples", samples))[None], asked_hz, array)
         if not begun:  # what does not change from frame to frame is checked once
             prepare(echoes, chosen, config)
             begun = True
@@ -472,8 +472,8 @@ def save_capture(
     capture = to_capture(
         np.atleast_1d(samples),
         np.atleast_1d(frequencies_hz),
-        {name: np.asarray(places_m) for name, places_m in antennas.items()},
-        None if pairs is None else np.asarray(pairs),
+        {name: numbers(name, places_m) for name, places_m in antennas.items()},
+        None if pairs is None else numbers("pairs", pairs),
         times_s=times_s,
         frame_times_s=frame_times_s,
         wave_speed_m_s=wave_speed_m_s,

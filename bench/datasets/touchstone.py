@@ -108,6 +108,8 @@ def _table(text: str) -> "pd.DataFrame":
         raise ValueError(f"it has no column {', '.join(absent)}")
     if table.empty:
         raise ValueError("it lists no file")
+    if len(twice := table["file"][table["file"].duplicated()]):
+        raise ValueError(f"it names {twice.iloc[0]} twice, but a file is of one position")
     table = table[COLUMNS]
     if (missing := table.isna().to_numpy()).any():
         row, column = np.argwhere(missing)[0]

@@ -287,7 +287,7 @@ def error_mm(depth: DepthMap, surface: Surface) -> float:
 
 def sharpness_db(capture: RadarCapture) -> float:
     """Compute the sharpness of a coarse image I of a capture's first frame, of a few tones and
-    antennas, in dB: Σ|I|⁴ / (Σ|I|²)²."""
+    antennas, in dB: Σ|I|⁴ / (Σ|I|²)²; NaN if these are all dead."""
     from handbench.radar.imaging.api import image_volume  # compiled
 
     channels = capture.aperture.channels
@@ -298,7 +298,7 @@ def sharpness_db(capture: RadarCapture) -> float:
     samples = scaled_to_one(few.samples[0][tones])
     volume = image_volume(samples, few.vacuum_hz[tones], few.aperture, _box(few), None)
     power = np.abs(volume).astype(np.float64) ** 2
-    return float(10 * np.log10((power**2).sum() / power.sum() ** 2))
+    return float(10 * np.log10((power**2).sum() / (power.sum() ** 2 or np.nan)))
 
 
 def _box(capture: RadarCapture) -> VoxelGrid:

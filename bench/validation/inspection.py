@@ -123,8 +123,8 @@ def _inspect_file(path: Path, report: Report) -> list[NativeCapture]:
     if suffix not in READERS:
         file = find_benchmark(str(path))
         is_json = suffix == ".json"
-        kinds = read_json(file, JSON) if is_json else read_toml(file, "a benchmark or a scene")
-        kinds = kinds if isinstance(kinds, dict) else {}
+        found = read_json(file, JSON) if is_json else read_toml(file, "a benchmark or a scene")
+        kinds = found if isinstance(found, dict) else ()
         if "target" in kinds:
             _inspect_scene(file)
             return []
@@ -253,6 +253,7 @@ def _inspect_source(
     path: the benchmark file. Returns the capture by its name; the name of a scene, or the names of
     its persons, lead to None."""
     recorded: NativeCapture | None = None
+    accurate = "accuracy" in source.measures
     if source.path is not None:
         folder = real(path.parent, source.path, "capture.path")
         opened = inspect_capture(folder, report, bench.frames_of(source))
@@ -260,7 +261,7 @@ def _inspect_source(
             return {}
         recorded, echoes = opened
         about, names = recorded.about, [recorded.about.name]
-        if "accuracy" in source.measures:
+        if accurate:
             report.read(path, partial(require_reference, recorded, bool(bench.calibration)))
     else:
         file = real(path.parent, source.scene or "", "capture.scene")
@@ -275,7 +276,7 @@ def _inspect_source(
         echoes = point_echoes(scene.array, sensor.frequencies_hz, distance_m, times_s)
     for entry in bench.method:
         where = f"{path}: capture '{about.name}' with method '{entry.label}'"
-        if entry.maps is not None and "accuracy" in source.measures:
+        if entry.maps is not None and accurate:
             for file in (path.parent / entry.maps / f"{name}.npz" for name in names):
                 depth = report.read(where, partial(_map, bench, file, entry, about))
                 report.check(file, depth, MAP)
@@ -283,8 +284,8 @@ def _inspect_source(
                     from handbench.bench.validation.capture_warnings import mirror_warnings
 
                     report.warn(file, mirror_warnings(depth, surface))
-        if not entry.foreign and ("accuracy" in source.measures or entry.precision):
-            frames = bench.frames if recorded and "accuracy" in source.measures else 1
+        if not entry.foreign and (accurate or entry.precision):
+            frames = bench.frames if recorded and accurate else 1
             image = partial(_require_imaged, about, echoes, entry.id, entry.config, frames)
             report.read(where, partial(image, entry.every_nth_antenna))
     return dict.fromkeys(names, recorded)

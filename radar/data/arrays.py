@@ -240,11 +240,20 @@ def _row(number: int, line: str) -> list[float]:
     return [x, y, z]
 
 
+def numbers(name: str, values: Any) -> np.ndarray:
+    """Return an array of numbers; those that are masked, which were not measured, become NaN.
+    Raises HandbenchError for other values. name: name of the argument."""
+    found = np.asanyarray(values)
+    if found.dtype.kind not in "biufc":
+        raise HandbenchError(f"{name}: are of type {found.dtype}; expected an array of numbers")
+    return np.ma.filled(found * 1.0, np.nan) if np.ma.isMaskedArray(found) else found
+
+
 def tones(name: str, values: ArrayLike) -> np.ndarray:
     """Return frequencies [f], in hertz and in any order, as float64. Raises HandbenchError unless
     all are positive numbers up to HIGHEST_HZ. name: name of the argument, with which the message
     begins."""
-    found = np.asarray(values)
+    found = numbers(name, values)
     if found.ndim != 1 or found.dtype.kind not in "iuf" or len(found) == 0:
         raise HandbenchError(
             f"{name}: is {found.dtype} of shape {found.shape}; expected a list of real numbers, "
@@ -263,7 +272,7 @@ def times(name: str, values: ArrayLike, count: int) -> np.ndarray:
     """Return times [count], in seconds and in any order, as float64. Raises HandbenchError for
     another number of them and for values that are not finite. name: name of the argument, with
     which the message begins."""
-    found = np.asarray(values)
+    found = numbers(name, values)
     if found.shape != (count,) or found.dtype.kind not in "iuf" or not np.isfinite(found).all():
         raise HandbenchError(
             f"{name}: is {found.dtype} of shape {found.shape}; expected {count} finite numbers, "
@@ -275,7 +284,7 @@ def times(name: str, values: ArrayLike, count: int) -> np.ndarray:
 def positions(name: str, values: ArrayLike) -> np.ndarray:
     """Return positions [n, 3], in metres, as float64. Raises HandbenchError for other shapes, NaN,
     and coordinates beyond FARTHEST_M. name: name of the argument, with which the message begins."""
-    given = np.asarray(values)
+    given = numbers(name, values)
     if given.ndim != 2 or given.shape[1] != 3 or len(given) == 0 or given.dtype.kind not in "biuf":
         raise HandbenchError(
             f"{name}: has shape {given.shape} of type {given.dtype}; expected numbers of shape "

@@ -11,6 +11,7 @@ from handbench.radar.data.arrays import (
     AntennaArray,
     AntennaPairs,
     Aperture,
+    numbers,
     positions,
     range_period_m,
     times,
@@ -162,6 +163,7 @@ def to_capture(
     Raises HandbenchError for numbers that do not fit together, and if no channel was measured.
     """
     tones("frequencies_hz", frequencies_hz)
+    samples = numbers("samples", samples)
     ends_m = [positions(name, place_m) for name, place_m in places_m.items()]
     channels = tuple(map(len, ends_m))
     if pairs is not None:

@@ -67,6 +67,7 @@ def test_another_parameter(tmp_path):
         ({}, ROW, "a.s1p"),
         ({"a.s1p": ONE}, "a.s1p,0,0\n", "line 2 has no tx_z_m"),
         ({"a.s1p": ONE}, "a.s1p,0,0,0,0,0,5 mm\n", "'5 mm'"),
+        ({"a.s1p": ONE}, ROW + "a.s1p,1,0,0,0,0,0\n", "a.s1p twice"),
         ({}, "../a.s1p,0,0,0,0,0,0\n", "positions.csv"),
         ({"a.s1p": "# THz Q RI\n1 0.5 0\n"}, ROW, "a.s1p"),
         ({"a.s1p": ONE + "3 0.5 inf\n"}, ROW, "a.s1p"),
