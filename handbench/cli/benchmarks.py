@@ -66,9 +66,12 @@ def tradeoff(options: argparse.Namespace) -> None:
     from handbench.reports.figures.style import STYLE, save, styled
     from handbench.reports.page.html import build
 
-    bench, base = load_tradeoff(options.bench, options.only)
-    command = f"handbench tradeoff {options.bench} -o DIR"
-    result = runner.run(bench, base, options.out, options.overwrite, command=command)
+    result = runner.run(
+        *load_tradeoff(options.bench, options.only),
+        options.out,
+        options.overwrite,
+        command=f"handbench tradeoff {options.bench} -o DIR",
+    )
     methods = ranked_methods(result)
     for metric, ranked in methods.items():
         best = ranked[ranked.on_front | ranked.on_own_front]

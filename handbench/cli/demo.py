@@ -26,7 +26,7 @@ def demo(options: argparse.Namespace) -> None:
     from handbench.bench.stages.image import image_point
     from handbench.interface import simulate
 
-    folder: Path = options.out
+    folder = options.out
     _claim(folder)
     if (capture := folder / CAPTURE).exists():  # which appears whole or not at all
         say(f"{capture}: exists already and is used again")

@@ -79,7 +79,7 @@ def add_options(command: argparse.ArgumentParser, options: Mapping[str, Mapping[
             facts["type"] = TYPES[facts["type"]]
         if "ends" in facts:
             facts["type"] = partial(path, ends=facts.pop("ends"))
-        place: argparse._ActionsContainer = command
+        place: Any = command
         if "group" in facts:
             place = group(facts.pop("group"))
         if "either" in facts:

@@ -41,7 +41,7 @@ FEWEST_TONES = 8  # of fewer a range profile repeats too soon
 def show(options: argparse.Namespace) -> None:
     """Draw the file or folder that the options name, and print the path of the result: a picture, a
     page on which a surface can be turned, or a drawing of a board or target to print."""
-    path: Path = options.path
+    path = options.path
     described = path.suffix == ".toml" or (str(path) in BUILT_IN and not path.exists())
     endings = (".pdf", ".toml") if described else (".png", ".pdf", ".svg", ".html")
     out = options.out or Path(Path(os.path.realpath(path)).stem + endings[0])

@@ -40,7 +40,7 @@ FAST: dict[str, Any] = {
 
 # Of kernels that only other kernels call. They are compiled anew as a part of each of these: linked
 # from the cache they would be optimised again, and sums would differ in their last bits (3e-7).
-INNER: dict[str, Any] = {**FAST, "cache": False, "forceinline": True}
+INNER = {**FAST, "cache": False, "forceinline": True}
 
 
 def _writable(folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 import ctypes
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import import_module
 from types import ModuleType
@@ -39,8 +40,8 @@ def load_open3d() -> ModuleType:
     ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
     asked = {WINDOWS, "ipykernel"} & sys.modules.keys()  # in a notebook open3d asks for them itself
     left_out = None if asked else sys.modules.setdefault(WINDOWS, ModuleType(WINDOWS))
-    import open3d
-
+    # in a thread, which signals to end do not interrupt: its half would end Python with exit code 1
+    open3d = ThreadPoolExecutor(1).submit(import_module, "open3d").result()
     if left_out:
         del sys.modules[WINDOWS]
         vars(open3d)["__getattr__"] = _windows
