@@ -168,8 +168,8 @@ def conjugation_warnings(capture: RadarCapture) -> Iterator[str]:
             farthest_m = FAR * np.ptp(places_m(part), axis=0).max()
             yield (
                 f"the image of the conjugated echoes is {sharper_db:.0f} dB sharper; if the target "
-                f'is within {farthest_m:.2g} m, conjugate the samples (sign = "+" in a '
-                'mapping.toml, time = "-jwt" in echoes.h5)'
+                f"is within {farthest_m:.2g} m, conjugate the samples (the other sign "
+                "in a mapping.toml, the other time in echoes.h5)"
             )
         if abs(sharper_db) >= SHARPER_DB:
             return

@@ -267,10 +267,13 @@ def _counts(depths: Iterable[DepthMap]) -> tuple[int, int, int]:
 
 
 def on_target(depth: DepthMap) -> str:
-    """Return a text with the number of pixels of a depth map that have a depth, and the share of
-    them that is in doubt."""
+    """Return a text with the number of pixels of a depth map that have a depth, their median, and
+    the share of them that is in doubt."""
     seen, doubtful, _ = _counts([depth])
-    return f"{seen} pixels on target, {100 * doubtful / max(seen, 1):.1f} % of them in doubt"
+    if not seen:
+        return "no pixel on target"
+    median_m, percent = np.nanmedian(depth.z_m), 100 * doubtful / seen
+    return f"{seen} pixels on target at {median_m:.3g} m, {percent:.1f} % of them in doubt"
 
 
 def places_m(capture: RadarCapture) -> np.ndarray:

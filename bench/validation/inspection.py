@@ -26,6 +26,7 @@ from handbench.bench.datasets.dataset import captures, has_capture, load_any_tra
 from handbench.bench.datasets.native import (
     DESCRIPTION,
     ECHOES,
+    MAPPING,
     PHOTOS,
     TARGET,
     TRANSFORM,
@@ -325,8 +326,11 @@ def _inspect_methods(about: CaptureFile, echoes: RadarCapture, report: Report, p
             given = {key: inline_toml(value) for key, value in config.items()}
             if config.get(FIRST) != own.get(FIRST):
                 given[FIRST] = "DISTANCE"
-            text = ", ".join(f"{key} = {value}" for key, value in given.items())
-            needs = f"{id} needs in {DESCRIPTION}, below [methods.{id}]: {text}"
+            text = " and ".join(f"{key} = {value}" for key, value in given.items())
+            needs = (
+                f"{id} needs below [methods.{id}] of {DESCRIPTION}, or [capture.methods.{id}] of "
+                f"{MAPPING}: {text}"
+            )
             offers.append(needs) if config else allowed.append(id)
             break
     report.notes += offers

@@ -10,7 +10,7 @@ import numpy as np
 
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, lateral_cell_m, range_cell_m
 from handbench.radar.data.capture import RadarCapture
-from handbench.radar.methods.evidence import different_frames, live_extents_m, shortest_m
+from handbench.radar.methods.evidence import copies_m, different_frames, live_extents_m, shortest_m
 from handbench.radar.methods.fsk import ENOUGH
 
 LEAST_PAIR_HZ = 200e6  # between the paper's close tones: depths are unambiguous within ±0.375 m
@@ -24,9 +24,14 @@ def abilities(capture: RadarCapture, z_m: float) -> Iterator[str]:
     extents_m = live_extents_m(capture)[:2]
     cells_m = lateral_cell_m(shortest_m(capture), extents_m, z_m)
     (wide_mm, wide_cell_mm), (high_mm, high_cell_mm) = 1e3 * np.array([extents_m, cells_m]).T
+    across_m, up_m = copies_m(capture, z_m)
     yield (
         f"aperture {wide_mm:.3g} × {high_mm:.3g} mm between the middles of transmitters and "
         f"receivers: resolves {wide_cell_mm:.3g} × {high_cell_mm:.3g} mm at {z_m:g} m (λz/2D)"
+    )
+    yield (
+        f"images repeat every {across_m:.3g} × {up_m:.3g} m at {z_m:g} m (λz/d, d: the usual "
+        "step of the sums of a transmitter's and a receiver's position)"
     )
     if len(hz) > 1:
         near_mm, far_mm = 250 * SPEED_OF_LIGHT_M_S / np.array([np.diff(hz).min(), np.ptp(hz)])

@@ -14,6 +14,7 @@ from handbench.radar.methods.doppler import repetition
 from handbench.radar.methods.settings import MethodSettings
 from handbench.support.errors import HandbenchError
 
+PLACED = 5  # decimals of a metre to which antennas are known to be placed
 POINT_WAVELENGTHS = 0.01  # antennas that span less are in one place
 UNSIGNED = 0.01  # of the largest part of a sample: signed ones come as near to 0 only by chance
 FEW = 64  # samples that may have one sign, or channels that may be equal, by chance
@@ -248,6 +249,19 @@ def live_extents_m(capture: RadarCapture, frame: int = 0) -> np.ndarray:
         return np.zeros(3)
     _, axes = np.linalg.eigh(np.cov(middle_m.T, bias=True))
     return np.append(np.ptp(middle_m, axis=0), np.ptp(middle_m @ axes[:, 0]))
+
+
+def copies_m(capture: RadarCapture, z_m: float) -> list[float]:
+    """Compute after how much of x and of y an image at a depth z_m repeats, metres: λz/d.
+
+    d is the usual step of the antennas with echoes in the first frame: of the sums of a channel's
+    two positions, since its phase turns with both. Antennas in one place have no copies (inf).
+    """
+    live = capture.samples[0].any(axis=0).ravel()
+    sums_m = np.sum(channel_ends(capture.aperture), axis=0)[live, :2]
+    steps_m = [np.diff(np.unique(axis_m.round(PLACED))) for axis_m in sums_m.T]
+    across_m = shortest_m(capture) * z_m
+    return [across_m / float(np.median(d_m)) if len(d_m) else np.inf for d_m in steps_m]
 
 
 def shortest_m(capture: RadarCapture) -> float:

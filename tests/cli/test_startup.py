@@ -28,7 +28,7 @@ def python(folder, script, **more):
     ("command", "code", "needed"),
     [
         ("list methods", 0, set()),
-        ("inspect bench/ball.toml", 0, set()),
+        ("inspect bench/ball.toml", 0, IMAGED - {"h5py"} | {"open3d"}),  # its scene is built
         ("evaluate depth.npz --mesh capture/truth.ply", 0, {"open3d", "scipy"}),
         (f"reconstruct capture --method 3fsk -o new.npz {' '.join(PIXELS)}", 0, IMAGED),
         # a wrong path is named before the libraries for the work are imported
