@@ -82,10 +82,6 @@ def test_names_that_a_disk_cannot_hold_are_refused_and_others_written(tmp_path):
     refuse_command(["show", str(tmp_path / "circle")], "circle")
 
 
-def raised(number):
-    signal.raise_signal(number)
-
-
 def turned_into_another(number):
     """As the import of a C extension does."""
     try:
@@ -103,7 +99,7 @@ def ignored(number):
     time.sleep(9)
 
 
-@pytest.mark.parametrize("how", [raised, turned_into_another, ignored])
+@pytest.mark.parametrize("how", [signal.raise_signal, turned_into_another, ignored])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_that_is_ended_leaves_nothing(made, tmp_path, monkeypatch, capsys, how, number):
     signal.signal(number, signal.SIG_DFL)  # nohup ignores one of them

@@ -91,8 +91,6 @@ def test_what_appears_while_a_command_works_is_kept(tmp_path, write):
     with pytest.raises(HandbenchError), write(path):
         path.mkdir()
     assert path.is_dir() and list(tmp_path.iterdir()) == [path]
-    (path / "file").touch()
-    refuse(lambda: free(False, path / "file" / "out"), "file")
 
 
 def test_a_failed_folder_leaves_the_old_one(tmp_path, monkeypatch):
