@@ -26,6 +26,7 @@ from multiprocessing import active_children, current_process, get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import psutil
 
@@ -42,7 +43,8 @@ if TYPE_CHECKING:  # an extra, and what takes a second to import, which other pr
 
 MOST = 4  # processes: a table has about as many long chains
 STAGE_BYTES = 3.3e9  # of a stage with eight photographs of 4 megapixels at its peak, measured
-CONNECT_S = 10.0
+CONNECT_S = 10.0  # longest wait for a scheduler, and for a worker
+LOOK_S = 5.0  # from one look for workers to the next
 # print tracebacks of lost connections
 LOGS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 # a cost is measured of the whole process, which therefore carries out one stage at a time
@@ -85,6 +87,16 @@ class DaskExecutor(Executor):
         sent: Any = self._client.submit(function, *args, pure=False, **kwargs)
         sent.add_done_callback(partial(_pass_on, future))
         return future
+
+    def require_workers(self) -> None:
+        """Raise a HandbenchError if the cluster has no workers and gets none within 10 s."""
+        try:
+            self._client.wait_for_workers(1, CONNECT_S)
+        except TimeoutError:
+            raise HandbenchError(
+                "--scheduler: the scheduler has no workers; start some (dask worker ADDRESS), then "
+                "run the same command, which resumes the run"
+            ) from None
 
 
 def _pass_on(future: Future[Any], ended: Future[Any]) -> None:
@@ -179,9 +191,8 @@ def executor(count: int, scheduler: str | None = None) -> Iterator[Executor | No
             processes.shutdown(cancel_futures=True)
 
 
-def _workers(scheduler: str) -> dict[str, Any]:
-    """Ask a Dask scheduler for its workers: address → facts. Raises HandbenchError if no scheduler
-    answers."""
+def _require_scheduler(scheduler: str) -> None:
+    """Raise a HandbenchError if no Dask scheduler answers at an address."""
     from distributed.core import rpc
     from distributed.security import Security
 
@@ -191,10 +202,12 @@ def _workers(scheduler: str) -> dict[str, Any]:
             return await remote.identity()
 
     try:
+        if not urlsplit(scheduler).port:
+            raise ValueError("it has no port")
         # a client would wait for ever at other servers' ports; a notebook has a loop of its own
         with ThreadPoolExecutor(1) as thread:
             answer = thread.submit(asyncio.run, asyncio.wait_for(identity(), CONNECT_S)).result()
-        return answer["workers"]
+        dict(answer["workers"])
     except Exception as error:  # whatever another server answers
         raise HandbenchError(
             f"--scheduler: no Dask scheduler answers at '{scheduler}' "
@@ -215,11 +228,12 @@ def _cluster(scheduler: str) -> Iterator[DaskExecutor]:
         ) from error
     for name in LOGS:  # an error of the cluster is reported once, in a sentence
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    if not _workers(scheduler):
-        say(f"{scheduler} has no workers, for which the run waits: dask worker {scheduler}")
+    _require_scheduler(scheduler)
     try:
         with Client(scheduler, set_as_default=False) as client:
-            yield DaskExecutor(client)
+            cluster = DaskExecutor(client)
+            cluster.require_workers()
+            yield cluster
     except (CancelledError, OSError) as error:
         # a file's; those of connections have none
         if isinstance(error, OSError) and error.errno is not None:
@@ -272,7 +286,9 @@ class Engine:
             if ready and (stage := next(chain := ready.popleft(), None)):
                 self.progress.begin(stage.label)
                 running[started(self.executor, self.work, stage)] = chain, stage
-            for future in wait(running, 0 if ready else None, FIRST_COMPLETED).done:
+            if isinstance(self.executor, DaskExecutor):
+                self.executor.require_workers()
+            for future in wait(running, 0 if ready else LOOK_S, FIRST_COMPLETED).done:
                 chain, stage = running.pop(future)
                 if isinstance(future.exception(), WorkersLostError):
                     suspects.append((chain, stage))

@@ -6,7 +6,7 @@ import shutil
 import socket
 import sys
 from concurrent.futures import CancelledError, Future
-from contextlib import nullcontext
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -28,7 +28,7 @@ def test_a_cluster_gives_the_serial_table(small_bench, small_result, tmp_path):
     for stage in ("reconstruct", "repeat", "score"):
         for folder in (out / "work").glob(f"{stage}-*"):
             shutil.rmtree(folder)
-    one = {"processes": False, "n_workers": 1, "threads_per_worker": 1}
+    one = {"processes": False, "protocol": "tcp://", "n_workers": 1, "threads_per_worker": 1}
     with distributed.LocalCluster(**one, dashboard_address=":0") as cluster:
         result = run(bench, base, out, scheduler=cluster.scheduler_address)
     assert result.tasks.cached.tolist() == [True, True, False, False, False, False]
@@ -50,6 +50,9 @@ class Blaming:
             future.set_result(function(root, stage))
         return future
 
+    def wait_for_workers(self, number, timeout) -> None:
+        """There is always one."""
+
 
 def test_a_stage_that_kills_its_workers_fails_alone(tmp_path):
     """Though Dask blames all that a worker had."""
@@ -67,7 +70,9 @@ def test_a_worker_with_other_code_or_without_the_folder_refuses(tmp_path):
     refuse(lambda: elsewhere(tmp_path, stage), "mesh-a-m0")
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{}", "tcp://127.0.0.1:1", "nonsense://x"])
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:{}", "tcp://127.0.0.1:1", "tcp://x:99999", "x"]
+)
 def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
     """Another server, which takes the connection and never answers; no server; no address."""
     monkeypatch.setattr(engine, "CONNECT_S", 0.1)
@@ -76,12 +81,12 @@ def test_an_address_without_a_scheduler_is_named(monkeypatch, address):
         refuse(engine.executor(1, address).__enter__, "--scheduler", f"'{address}'")
 
 
-def test_a_scheduler_without_workers_is_named(capsys):
-    none = {"processes": False, "n_workers": 0, "dashboard_address": ":0"}
+def test_a_scheduler_without_workers_is_named(monkeypatch):
+    monkeypatch.setattr(engine, "CONNECT_S", 1.0)
+    none = {"processes": False, "protocol": "tcp://", "n_workers": 0, "dashboard_address": ":0"}
     with distributed.LocalCluster(**none) as cluster:
         address = cluster.scheduler_address
-        with engine.executor(1, address):
-            assert f"dask worker {address}" in capsys.readouterr().err
+        refuse(engine.executor(1, address).__enter__, "--scheduler", "dask worker")
 
 
 def test_a_cluster_needs_its_extra(monkeypatch):
@@ -90,8 +95,8 @@ def test_a_cluster_needs_its_extra(monkeypatch):
 
 
 def test_a_scheduler_that_is_lost_is_named_and_a_file_s_error_stays(monkeypatch):
-    monkeypatch.setattr(engine, "_workers", lambda _: {"tcp://127.0.0.1:2": {}})
-    monkeypatch.setattr(distributed, "Client", lambda *_, **__: nullcontext())
+    monkeypatch.setattr(engine, "_require_scheduler", lambda _: None)
+    monkeypatch.setattr(distributed, "Client", lambda *_, **__: MagicMock())
 
     def lose(error: BaseException) -> None:
         with engine.executor(1, "tcp://127.0.0.1:1"):
