@@ -243,9 +243,10 @@ def read_map(file: Path, method: str, grid: PixelGrid) -> tuple[DepthMap, list[f
             )
     far_m = np.abs(depth.z_m[np.isfinite(depth.z_m)]).max(initial=0)
     if not 0 < far_m <= FAR_M:
+        found = f"depths up to {far_m:g}" if far_m else "no depth, only NaN or 0"
         raise HandbenchError(
-            f"{file}: z_m has depths up to {far_m:g}; expected metres, at most {FAR_M:g}, for at "
-            "least one pixel, and NaN for pixels without a depth"
+            f"{file}: z_m has {found}; expected metres, at most {FAR_M:g}, for at least one pixel, "
+            "and NaN for pixels without a depth"
         )
     positive = seconds.dtype.kind in "fiu" and ((seconds > 0) & (seconds < np.inf)).all()
     if seconds.size > 1 or not positive:

@@ -67,8 +67,9 @@ class DepthMap:
         shape = self.y_m.size, self.x_m.size
         shapes = {"x_m": shape[1:], "y_m": shape[:1]} | dict.fromkeys(maps, shape)
         for name, expected in shapes.items():
-            values, kind = getattr(self, name), "bool" if name == "wrapped" else "real numbers"
-            if values.shape != expected or values.dtype.kind != ("b" if kind == "bool" else "f"):
+            values, flags = getattr(self, name), name == "wrapped"
+            if values.shape != expected or values.dtype.kind != ("b" if flags else "f"):
+                kind = "bool" if flags else "floats (lengths in metres, NaN without a depth)"
                 raise HandbenchError(
                     f"{where}: {name} is {values.dtype} {values.shape}; expected {kind} of shape "
                     f"{expected}, the numbers of y_m and x_m; make the file again"

@@ -32,6 +32,7 @@ def test_every_field_comes_back(tmp_path, depth):
     [
         ("x_m", np.arange(5.0), "(2, 5)"),
         ("sigma_m", Z_M[:1], "(1, 3)"),
+        ("z_m", np.full((2, 3), 300, np.uint16), "uint16"),
         ("wrapped", Z_M, "float64"),
         ("velocity_limit_m_s", -1.0, "-1"),
     ],
