@@ -67,7 +67,7 @@ NEAR = 1.0
 FAR = 8.0
 PIXELS = 40
 DEPTHS = 50
-STRONGEST = 1500  # pixels that are compared, at most: those with the largest amplitudes
+STRONGEST = 1500  # pixels that are compared: those with the largest amplitudes
 WRONG_STEP = 0.05  # of a scan: what a point's range bends by otherwise, if it is known to 1e-3
 GOOD_MM = 1.0  # median error of an image that needs no correction
 NEAR_MM = 3.0  # of a corrected one, at most
@@ -250,9 +250,19 @@ def order_warnings(
 
 def mirror_warnings(depth: DepthMap, surface: Surface) -> Iterator[str]:
     """Yield a warning if a depth map is much nearer to a surface when it is mirrored."""
+    y_m, x_m = depth.y_m[::-1], depth.x_m[::-1]  # as if the rows, or the columns, were reversed
+    turned = {
+        "rows": {"y_m": y_m},
+        "columns": {"x_m": x_m},
+        "rows and columns": {"x_m": x_m, "y_m": y_m},
+    }
     maps = (
-        ("its rows in reverse order", "reverse y_m", replace(depth, y_m=depth.y_m[::-1])),
-        ("its columns in reverse order", "reverse x_m", replace(depth, x_m=depth.x_m[::-1])),
+        (
+            f"its {what} in reverse order",
+            f"reverse the {what} of z_m and amplitude_db",
+            replace(depth, **axes),
+        )
+        for what, axes in turned.items()
     )
     return nearer_warnings(maps, surface, error_mm(depth, surface))
 
@@ -273,10 +283,12 @@ def nearer_warnings(
 
 
 def error_mm(depth: DepthMap, surface: Surface) -> float:
-    """Compute the median |Δz| of the strongest pixels of a depth map to a surface in the radar
-    frame. A pixel whose ray misses the observed surface counts as infinitely far."""
+    """Compute the median |Δz| of the strongest pixels of a depth map, all if they are equally
+    strong, to a surface in the radar frame. A pixel whose ray misses the observed surface counts as
+    infinitely far."""
     seen = np.flatnonzero(np.isfinite(depth.z_m))
-    strongest = seen[np.argsort(-depth.amplitude_db.ravel()[seen], kind="stable")[:STRONGEST]]
+    db = depth.amplitude_db.ravel()[seen]
+    strongest = seen[db >= np.sort(db)[-STRONGEST:][:1]]
     try:
         z_m = reference_on_grid(surface, depth.x_m, depth.y_m).z_m.ravel()[strongest]
     except HandbenchError:  # larger than anything before a radar

@@ -215,9 +215,10 @@ def test_mirrored_depths_and_linear_amplitudes_are_named(right, tmp_path):
     z_m = reference_on_grid(surface, axis_m, axis_m).z_m
     depth = DepthMap(axis_m, axis_m, z_m, np.zeros_like(z_m), "m")
     assert [*mirror_warnings(depth, surface), *warnings_of(depth, MAP)] == []
-    for name, mirrored in (("x_m", z_m[:, ::-1]), ("y_m", z_m[::-1])):
+    both = z_m[::-1, ::-1]
+    for name, mirrored in (("columns", z_m[:, ::-1]), ("rows", z_m[::-1]), ("rows and col", both)):
         [text] = mirror_warnings(replace(depth, z_m=mirrored), surface)
-        assert name in text
+        assert f"its {name}" in text
     [text] = warnings_of(replace(depth, amplitude_db=np.ones_like(z_m)), MAP)
     assert "linear" in text
     [text] = warnings_of(replace(depth, x_m=1e3 * axis_m), MAP)
