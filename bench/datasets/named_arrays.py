@@ -175,6 +175,5 @@ def _read_table(path: Path, title: str, skip_lines: int) -> np.ndarray:
     if cells.ndim != 2:
         raise ValueError("its lines have different numbers of columns; skip_lines leaves out some")
     if title and title not in titles:
-        without = "columns of text without titles, which an index chooses ([:, 0])"
-        raise _missing(path, title, titles or [without])
+        raise _missing(path, title, titles or ["text without titles; choose columns by [:, 0]"])
     return cells[:, titles.index(title)] if title else cells

@@ -101,22 +101,27 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
     than the environment variable HANDBENCH_FARTHEST_M allows, which suggests positions in
     millimetres, or if one is far from all others, whose place is then most likely damaged."""
     farthest_m = setting("HANDBENCH_FARTHEST_M", FAR_M, "number of metres")
-    far_m = max(float(np.abs(leg.position_m).max()) for leg in echoes.aperture.legs)
+    all_m = places_m(echoes)
+    far_m = float(np.abs(all_m).max())
     if far_m > farthest_m:
         raise HandbenchError(
             f"echoes: an antenna is {far_m:g} m from the origin; expected at most {farthest_m:g} "
             "m; if the positions are in millimetres, multiply them by 1e-3; if they are right, "
             "raise HANDBENCH_FARTHEST_M"
         )
-    places_m = np.concatenate([leg.position_m for leg in echoes.aperture.legs])
-    away_m = np.linalg.norm(places_m - np.median(places_m, axis=0), axis=1)
+    away_m = np.linalg.norm(all_m - np.median(all_m, axis=0), axis=1)
     if away_m.max() > (most_m := max(OUTLYING * np.median(away_m), LEAST_M)):
         raise HandbenchError(
-            f"echoes: the antenna at {np.round(places_m[away_m.argmax()], 4).tolist()} m is "
+            f"echoes: the antenna at {np.round(all_m[away_m.argmax()], 4).tolist()} m is "
             f"{away_m.max():.2g} m from the middle of all; expected at most {most_m:.2g} m; "
             "correct its position, or copy the file again"
         )
     return echoes
+
+
+def places_m(capture: RadarCapture) -> np.ndarray:
+    """Return the positions [n, 3] of all antennas of a capture, metres."""
+    return np.concatenate([leg.position_m for leg in capture.aperture.legs])
 
 
 def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> MethodSettings:

@@ -23,15 +23,8 @@ import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
-from handbench.bench.stages.image import configuration, require_near
-from handbench.bench.validation.checks import (
-    ARRAY,
-    MAP,
-    doubt,
-    missing_frames,
-    places_m,
-    warnings_of,
-)
+from handbench.bench.stages.image import configuration, places_m, require_near
+from handbench.bench.validation.checks import ARRAY, MAP, doubt, missing_frames, warnings_of
 from handbench.calibration.corrections import from_echoes
 from handbench.groundtruth.mesh.depth import reference_on_grid
 from handbench.groundtruth.mesh.surface import Surface

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from handbench.bench.datasets.native import FAR_M, CaptureFile
+from handbench.bench.stages.image import places_m
 from handbench.radar.data.arrays import AntennaArray
 from handbench.radar.data.capture import scaled_to_one
 from handbench.radar.data.depthmap import FLAGGED
@@ -274,11 +275,6 @@ def on_target(depth: DepthMap) -> str:
         return "no pixel on target"
     median_m, percent = np.nanmedian(depth.z_m), 100 * doubtful / seen
     return f"{seen} pixels on target at {median_m:.3g} m, {percent:.1f} % of them in doubt"
-
-
-def places_m(capture: RadarCapture) -> np.ndarray:
-    """Return the positions [n, 3] of all antennas of a capture, metres."""
-    return np.concatenate([leg.position_m for leg in capture.aperture.legs])
 
 
 class Report:

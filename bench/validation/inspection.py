@@ -337,7 +337,7 @@ def _inspect_methods(about: CaptureFile, echoes: RadarCapture, report: Report, p
     if allowed:
         report.notes.append(f"methods that its tones allow as they are: {', '.join(allowed)}")
     elif not offers:
-        report.refuse(place, f"no method can image it ({problem})")
+        report.refuse(place, f"no method can image it as it is ({problem})")
 
 
 def _map(bench: BenchFile, file: Path, entry: MethodEntry, about: CaptureFile) -> DepthMap:
