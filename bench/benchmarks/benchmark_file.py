@@ -195,10 +195,12 @@ class MethodEntry(Config):
                 words = " ".join(shlex.split(self.command))
             except ValueError:  # a quotation that does not end
                 words = ""
-            if not words.isprintable() or any(place not in words for place in PLACES):
+            lacking = [place for place in PLACES if place not in words]
+            if not words.isprintable() or lacking:
                 raise ValueError(
                     f"method '{self.id}': the command is {self.command!r}; expected printable "
-                    f"words, quoted as for a shell, such as '{EXAMPLE}'"
+                    f"words, quoted as for a shell, with {' and '.join(lacking or PLACES)}, "
+                    f"such as '{EXAMPLE}'"
                 )
         return self
 

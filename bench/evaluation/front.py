@@ -2,7 +2,8 @@
 
 No method on the front has another that is at least as fast, as accurate and as complete, and better
 in one of these. A map is as complete as it is right within 2 mm: one that shows twice as much of a
-hand is not beaten by a more accurate map of half of it, unless what it shows is wrong.
+hand is not beaten by a more accurate map of half of it, unless what it shows is wrong. One that is
+right nowhere is beaten by any that is right somewhere.
 """
 
 import math
@@ -61,6 +62,7 @@ def ranked(settings: pd.DataFrame, ids: Mapping[str, str] | None = None) -> pd.D
     error, share_percent = settings.error.round(3), settings.share_percent.fillna(0.0).round(1)
     costs: Any = np.stack([settings.seconds, error, -share_percent], axis=1)  # as far as they count
     beats = (costs[:, None] <= costs).all(axis=-1) & (costs[:, None] < costs).any(axis=-1)
+    beats |= (costs[:, None, 2] < 0) & (costs[:, 2] == 0)
     names = settings.index.to_numpy()
     own = np.array([(ids or {}).get(name, name) for name in names])
     on_front = ~beats.any(axis=0)

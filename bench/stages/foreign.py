@@ -81,8 +81,8 @@ def foreign_stage(
     folder = real(base, entry.maps or "", "method.maps")
     file = inside(folder, f"{about.name}.npz", "method.maps")
     if not file.is_file():
-        there = suggest(about.name, [path.stem for path in folder.glob("*.npz")]) or "none"
-        raise HandbenchError(f"{file}: the depth map of '{about.name}' is missing; {there}")
+        there = suggest(file.name, [path.name for path in folder.glob("*") if path.is_file()])
+        raise HandbenchError(f"{file}: expected a file, the depth map of '{about.name}'; {there}")
     arguments |= {
         "file": Input(str(file), content_hash(file)),
         "config": Input({"maps": entry.maps}, None),

@@ -219,13 +219,14 @@ def suggest(name: str, known: list[str]) -> str:
 
 def checked_name(name: str) -> str:
     """Return `name` in Unicode's NFC form, if it can be part of a file name.
-    Raises ValueError for a name that leads to another folder, is hidden, is longer than 100 bytes
-    (NAME_BYTES), cannot be printed, or contains '__', with which handbench separates names."""
+    Raises ValueError for a name that leads to another folder, is hidden, reads as an option, begins
+    or ends with a blank, is longer than 100 bytes (NAME_BYTES), cannot be printed, or contains '|',
+    or '__', with which handbench separates names."""
     name = one_form(name)
     if (
         not 1 <= len(name.encode("utf-8", "replace")) <= NAME_BYTES
         or not name.isprintable()
-        or re.search(r"^\.|[/\\]|__", name)
+        or re.search(r"^[-.\s]|\s$|[/\\|]|__", name)
     ):
         raise ValueError(
             f"{name[:80]!r} cannot be the name of a file; use 1 to {NAME_BYTES} letters, digits, "

@@ -50,6 +50,8 @@ def test_a_setting_that_sees_more_is_not_beaten_by_one_that_sees_less():
     assert both.on_front.all()
     same = rank(figures(table(whole=(2.0, 0.5, 30.0), half=(1.0, 0.1, 30.0))))
     assert front(same).index.tolist() == ["half"]
+    wrong = rank(figures(table(right=(2.0, 0.5, 30.0), wrong=(1.0, 0.1, 0.0))))
+    assert front(wrong).index.tolist() == ["right"]
 
 
 FIGURES = st.tuples(*[st.integers(1, 6)] * 2, st.sampled_from([1, 2]))

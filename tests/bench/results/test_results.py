@@ -98,7 +98,7 @@ def test_maps_of_other_shapes_and_names_that_lead_outside_are_refused(written):
     path = depth_path(written.folder, "B", "3fsk")
     write_npz(path, x_m=AXIS_M, y_m=AXIS_M, z_m=REFERENCE_M[1:])
     refuse(lambda: load(written.folder).surface("B", "3fsk"), path.name, "'z_m'")
-    for name in ("", "..", "../x", "a\\b", "a__b", "a\nb", "x" * 101):
+    for name in ("", "..", "../x", "a\\b", "a__b", "a\nb", "-o", " ", "x" * 101):
         refuse(lambda name=name: depth_path(written.folder, name, "3fsk"))
 
 
