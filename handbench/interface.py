@@ -309,7 +309,7 @@ class Depth(Delegating, Plottable):
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
         found = score.score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
-        return Score(found.errors, found.figures, self)
+        return Score(found.errors, found.figures, self, Path(mesh).name)
 
 
 class Score(dict[str, float | None], Plottable):
@@ -320,11 +320,14 @@ class Score(dict[str, float | None], Plottable):
         errors: signed errors in metres, z − z_ref: positive behind the surface.
         values: metric → figure in the unit that ends its name; None where it is not defined.
         depth: the depth map.
+        surface: the surface's name.
     """
 
-    def __init__(self, errors: ErrorMap, values: dict[str, float | None], depth: Depth) -> None:
+    def __init__(
+        self, errors: ErrorMap, values: dict[str, float | None], depth: Depth, surface: str
+    ) -> None:
         super().__init__(values)
-        self.errors, self.depth = errors, depth
+        self.errors, self.depth, self.surface = errors, depth, surface
 
     def __missing__(self, name: str) -> NoReturn:
         raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self))}")
@@ -332,7 +335,7 @@ class Score(dict[str, float | None], Plottable):
     def _figure(self) -> Figure:
         from handbench.reports.figures.depth_maps import methods_figure
 
-        return methods_figure([(self.depth.method, self.depth.z_m, self.errors)])
+        return methods_figure(self.surface, [(self.depth.method, self.depth.z_m, self.errors)])
 
 
 class RunResult(Delegating):

@@ -68,7 +68,7 @@ def _image_and_score(folder: Path) -> None:
         rows[title] = {key: values[key] for key in chosen("summary") if key in values}
         shown.append((title, depth.z_m, score.errors))
         say(f"{folder / id}.npz: imaged and scored")
-    save(methods_figure(shown), folder / PICTURE)
+    save(methods_figure("true surface", shown), folder / PICTURE)
     terminal(of_values("Scored against the true surface", rows))
     facts = machine()
     notes(f"tolerance {TOLERANCE:g}", f"{facts['cores']} cores of {facts['processor']}")

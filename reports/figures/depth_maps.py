@@ -89,17 +89,17 @@ def error_maps(result: Result, capture: CaptureFacts, reference: str) -> Picture
     )
 
 
-def methods_figure(shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
-    """Draw a true surface and the depth maps of several methods in a row, with their signed errors
+def methods_figure(title: str, shown: Sequence[tuple[str, np.ndarray, ErrorMap]]) -> Figure:
+    """Draw a surface and the depth maps of several methods in a row, with their signed errors
     below.
-    shown: for each method, its title, its depths z_m [ny, nx] in metres (NaN where not observed),
-    and its error map, whose reference depths are the true surface."""
-    errors = [error_layer(of, title) for title, _, of in shown]
-    maps = [(title, SurfaceMap(of.x_m, of.y_m, z_m)) for title, z_m, of in shown]
+    title: the surface's. shown: for each method, its title, its depths z_m [ny, nx] in metres (NaN
+    where not observed), and its error map, whose reference depths are the surface."""
+    errors = [error_layer(of, method) for method, _, of in shown]
+    maps = [(method, SurfaceMap(of.x_m, of.y_m, z_m)) for method, z_m, of in shown]
     of = shown[0][2]
-    truth = SurfaceMap(of.x_m, of.y_m, of.reference_z_m)
+    surface = SurfaceMap(of.x_m, of.y_m, of.reference_z_m)
     with styled(STYLE):
-        return _compared([("true surface", truth), *maps], errors)
+        return _compared([(title, surface), *maps], errors)
 
 
 def _compared(
