@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from handbench.bench.evaluation.metrics import METRICS
 from handbench.bench.evaluation.scoring_protocols import REFERENCES
 from handbench.radar.data.grid import Sweep
+from handbench.radar.methods.registry import METHODS
 from handbench.radar.methods.registry import titles as titles
 from handbench.radar.simulation.scene import Choice
 from handbench.support.config import Config, Name, Tone, parse
@@ -111,6 +112,11 @@ class MethodFacts(Config):
     title: str
     id: str = ""
     config: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether it is none of handbench's methods."""
+        return self.id not in METHODS
 
     @model_validator(mode="after")
     def _is_clear(self) -> Self:

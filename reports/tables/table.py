@@ -197,10 +197,12 @@ def best_of_ours(result: Result, count: int) -> Table | None:
 
 def differences(result: Result, main: bool = False) -> Table:
     """Return the tested differences between methods in words, with p-value and effect size.
-    main: only those between the main pairs (PAIRS) under equal treatment; all if there are none."""
+    main: only those between the main pairs under equal treatment, which are PAIRS and each method
+    from outside handbench with 3-FSK; all if there are none."""
     lines = result.comparisons
     if main:
-        of_pairs = [{line.better, line.worse} in PAIRS for line in each(lines)]
+        foreign = [{"3fsk", of.name} for of in result.about.methods if of.foreign]
+        of_pairs = [{line.better, line.worse} in (*PAIRS, *foreign) for line in each(lines)]
         shown = np.array(of_pairs) & (lines.treatment != "")
         lines = lines[shown] if shown.any() else lines
     texts = {

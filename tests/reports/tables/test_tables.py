@@ -46,6 +46,16 @@ def test_tables_have_every_figure_its_interval_the_papers_and_stars(kind, golden
     golden("\n".join(map(WRITERS[kind], shown)), f"tables.{kind}")
 
 
+def test_the_main_pairs_have_a_foreign_method():
+    result = judged(0.2)
+    lines = result.comparisons.replace({"better": {"broadband": "3fsk"}})
+    for id, pairs in (("joint", 1), ("theirs", 2)):
+        methods = tuple(of.model_copy(update={"id": id}) for of in result.about.methods[3:])
+        foreign = replace(result, about=result.about.model_copy(update={"methods": methods}))
+        foreign.__dict__["comparisons"] = lines
+        assert len(tables.differences(foreign, main=True).texts) == pairs
+
+
 def test_without_a_test_no_figure_has_a_star_and_without_the_papers_no_table():
     result = judged(0.2)
     assert "★" not in markdown(tables.every_figure(result)[1])
