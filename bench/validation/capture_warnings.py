@@ -243,19 +243,15 @@ def order_warnings(
 
 def mirror_warnings(depth: DepthMap, surface: Surface) -> Iterator[str]:
     """Yield a warning if a depth map is much nearer to a surface when it is mirrored."""
-    y_m, x_m = depth.y_m[::-1], depth.x_m[::-1]  # as if the rows, or the columns, were reversed
+    columns = replace(depth, x_m=depth.x_m[::-1])  # as if the columns were reversed
     turned = {
-        "rows": {"y_m": y_m},
-        "columns": {"x_m": x_m},
-        "rows and columns": {"x_m": x_m, "y_m": y_m},
+        "rows": replace(depth, y_m=depth.y_m[::-1]),
+        "columns": columns,
+        "rows and columns": replace(columns, y_m=depth.y_m[::-1]),
     }
     maps = (
-        (
-            f"its {what} in reverse order",
-            f"reverse the {what} of z_m and amplitude_db",
-            replace(depth, **axes),
-        )
-        for what, axes in turned.items()
+        (f"its {what} in reverse order", f"reverse the {what} of z_m and amplitude_db", map_)
+        for what, map_ in turned.items()
     )
     return nearer_warnings(maps, surface, error_mm(depth, surface))
 
