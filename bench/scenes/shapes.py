@@ -6,7 +6,7 @@ from functools import reduce
 
 import numpy as np
 
-from handbench.bench.scenes.stand import cell_corners, cuboid
+from handbench.bench.scenes.stand import cell_faces, cuboid
 from handbench.groundtruth.mesh.surface import mesh
 from handbench.radar.simulation.meshes import MOST_FACETS
 from handbench.support.errors import HandbenchError
@@ -67,6 +67,5 @@ def _quad(a: np.ndarray, b: np.ndarray, side: np.ndarray, step_m: float) -> Tria
     with steps of at most step_m."""
     nu, nv = (int(np.ceil(np.linalg.norm(length) / step_m)) + 1 for length in (b - a, side))
     u, v = np.meshgrid(np.linspace(0, 1, nu), np.linspace(0, 1, nv), indexing="ij")
-    p, q, r, s = cell_corners(nu, nv)
-    faces = np.concatenate([np.stack([p, r, q], 1), np.stack([p, s, r], 1)])
+    faces = cell_faces(nu, nv)[:, [0, 2, 1]]
     return mesh(a + u.reshape(-1, 1) * (b - a) + v.reshape(-1, 1) * side, faces)

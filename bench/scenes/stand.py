@@ -93,20 +93,19 @@ def cuboid(box_m: np.ndarray, step_m: float) -> tuple[np.ndarray, np.ndarray]:
         for bound, order in zip(box_m[:, axis], (-1, 1), strict=True):
             points = np.empty((*places.shape[:2], 3))
             points[..., axis], points[..., across] = bound, places
-            a, b, c, d = cell_corners(*places.shape[:2]) + sum(map(len, vertices))
-            faces.append(
-                np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])[:, ::order]
-            )
+            triangles = cell_faces(*places.shape[:2]) + sum(map(len, vertices))
+            faces.append(triangles[:, ::order])
             vertices.append(points.reshape(-1, 3))
     return np.concatenate(vertices), np.concatenate(faces)
 
 
-def cell_corners(rows: int, columns: int) -> np.ndarray:
-    """Return the corners [4, n] of the cells of a grid of points, in order around each cell, as
-    numbers of the points."""
+def cell_faces(rows: int, columns: int) -> np.ndarray:
+    """Return two triangles for each cell of a grid of points: numbers of the points [n, 3], in the
+    order from the grid's first axis to its second."""
     index = np.arange(rows * columns).reshape(rows, columns)
     corners = (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:])
-    return np.stack([corner.ravel() for corner in corners])
+    a, b, c, d = (corner.ravel() for corner in corners)
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
 # alternate, seen from the target; clear of the aperture and its housing
