@@ -71,9 +71,11 @@ def foreign_stage(
     grid = pixels(about, bench.method)
     arguments: dict[str, Any] = {"method": entry.label, "x_m": grid.x_m, "y_m": grid.y_m}
     if entry.command is not None:
+        command = words(entry.command, base)
+        files = [Path(word) for word in command if os.path.isfile(word)]
         arguments |= {
             "capture": capture,
-            "command": Input(words(entry.command, base), program_key(entry.command, base)),
+            "command": Input(command, [entry.command, *map(content_hash, files)]),
             "limit_s": entry.limit_s or LIMIT_S,
             "config": {"command": entry.command},
         }
@@ -96,14 +98,6 @@ def words(command: str, base: Path) -> list[str]:
     base: folder of the benchmark file."""
     split = shlex.split(command)
     return [str(base / word) if os.path.isfile(base / word) else word for word in split]
-
-
-def program_key(command: str, base: Path) -> list[str]:
-    """Return the values that identify a foreign program: its command line, and the hash of each
-    file that the command line names.
-    base: folder of the benchmark file, where these files are looked for."""
-    files = [word for word in words(command, base) if os.path.isfile(word)]
-    return [command, *(content_hash(Path(file)) for file in files)]
 
 
 @stage("reconstruct", "bench/stages/foreign.py", *SOURCES)
