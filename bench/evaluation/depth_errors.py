@@ -188,14 +188,14 @@ class VelocityErrors(NamedTuple):
 
 
 def velocity_errors(
-    depth: DepthMap, scored: np.ndarray, reference: Reference
+    depth: DepthMap, scored_m: np.ndarray, reference: Reference
 ) -> VelocityErrors | None:
     """Compare a depth map's radial velocities with those of a surface; None if either has none.
-    scored [ny, nx]: the pixels with a scored depth; those where map and reference have a velocity
-    are compared."""
+    scored_m [ny, nx]: errors of the scored depths, NaN elsewhere; compared are those pixels where
+    map and reference have a velocity."""
     if depth.velocity_m_s is None or reference.velocity_m_s is None:
         return None
-    at = scored & np.isfinite(depth.velocity_m_s) & np.isfinite(reference.velocity_m_s)
+    at = np.isfinite([scored_m, depth.velocity_m_s, reference.velocity_m_s]).all(axis=0)
     true_m_s = reference.velocity_m_s[at]
     error_m_s = depth.velocity_m_s[at].astype(np.float64) - true_m_s
     unknown = np.full(len(error_m_s), np.nan)

@@ -159,9 +159,9 @@ def compare(
     losses = {method: sign * of for method, of in figures.items()}
     lines = []
     for better, worse in combinations(losses, 2):
-        if np.nansum(losses[worse] - losses[better]) < 0:
-            better, worse = worse, better
         gain = losses[worse] - losses[better]
+        if np.nansum(gain) < 0:
+            better, worse, gain = worse, better, -gain
         gain = gain[np.isfinite(gain)]
         if len(gain):
             test = paired_test(losses[better], losses[worse])

@@ -40,30 +40,10 @@ def score(
     applies the data set's own mask. Raises HandbenchError if that is missing, and for an invalid
     map.
     """
-    errors = pixel_errors(depth, reference, protocol, recorded)
-    velocities = velocity_errors(depth, np.isfinite(errors.error_m), reference)
-    return Scores(errors, figures(errors, velocities))
-
-
-def pixel_errors(
-    depth: DepthMap,
-    reference: Reference,
-    protocol: Protocol = PAPER,
-    recorded: NativeCapture | None = None,
-) -> ErrorMap:
-    """Compute the signed errors of the pixels that a protocol scores.
-
-    Args:
-        depth: the depth map.
-        reference: the reference surface's depths [ny, nx] on the map's pixels.
-        protocol: which pixels are scored; some protocols apply the data set's own mask.
-        recorded: the capture that was imaged; its data set defines the mask.
-
-    Raises:
-        HandbenchError: the protocol applies a mask and `recorded` is None, or the map is invalid.
-    """
     z_m = scored_z_m(depth.checked("depth map"), protocol, recorded)
-    return error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+    errors = error_map(depth.x_m, depth.y_m, z_m, reference.z_m, reference.sigma_m, reference.met)
+    velocities = velocity_errors(depth, errors.error_m, reference)
+    return Scores(errors, figures(errors, velocities))
 
 
 def scored_z_m(depth: DepthMap, protocol: Protocol, recorded: NativeCapture | None) -> np.ndarray:

@@ -155,7 +155,7 @@ def _of_frame(
     """Compute the figures of a frame after the first: metric → value.
     data: the capture, whose mask the protocol may use."""
     error_m = scored_z_m(depth, chosen, data) - reference.z_m
-    velocities = velocity_errors(depth, np.isfinite(error_m), reference)
+    velocities = velocity_errors(depth, error_m, reference)
     errors = ErrorMap(depth.x_m, depth.y_m, error_m, reference.z_m)
     return figures(errors, velocities, place="frames")
 
