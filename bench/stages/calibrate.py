@@ -91,10 +91,13 @@ def photographs(capture: Path, quality: str, seed: int) -> tuple[Path, Options]:
     recorded = open_capture(capture)
     if recorded.photos is None:
         raise HandbenchError(f"{capture}: has no folder of photographs; add photographs, or a mesh")
-    values = {"quality": quality, "box_m": recorded.about.box_m, "seed": seed}
-    # a table is the same on every machine
-    options = parse(Options, {**values, "dense": "cpu"}, "groundtruth")
-    return recorded.photos, options
+    values = {
+        "quality": quality,
+        "box_m": recorded.about.box_m,
+        "seed": seed,
+        "dense": "cpu",  # a table is the same on every machine
+    }
+    return recorded.photos, parse(Options, values, "groundtruth")
 
 
 def calibrate_array(captures: Sequence[Path]) -> ArrayCalibration:

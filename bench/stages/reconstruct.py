@@ -1,12 +1,11 @@
 """The stages that image a capture by one method: they turn echoes into depth maps, and measure the
 time and the scatter of the depths over repeated frames."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -85,7 +84,7 @@ def reconstruct(
         blank = depths[0].without_depths()
         of_frames = dict(zip(imager.frames, depths, strict=True))
         write_frames(folder, [of_frames.get(number, blank) for number in range(frames)])
-    _write_times(folder, seconds, images.plan_s, measuring_times(imager.task.echoes))
+    _write_times(folder, seconds, images.plan_s, **measuring_times(imager.task.echoes))
 
 
 @stage("repeat", *SOURCES)
@@ -106,11 +105,13 @@ def repeat(
     with use_device(device):
         imager = Imager(Path(capture), method, config, frames, every_nth_antenna, repeats=True)
         images = imager.images()
-    depths = images.depths
-    spread = deviation_map(depths[0].x_m, depths[0].y_m, np.stack([d.z_m for d in depths]))
+    first, *_ = depths = images.depths
+    z_m = np.stack([depth.z_m for depth in depths])
+    amplitude = np.stack([10 ** (depth.amplitude_db / 20) for depth in depths])
+    spread = deviation_map(first.x_m, first.y_m, z_m)
     write_npz(
         folder / REPEATS,
-        z_m=strongest_z_m(depths),
+        z_m=strongest_scatterer_z_m(z_m, amplitude),
         x_m=spread.x_m,
         y_m=spread.y_m,
         deviation_m=spread.error_m,
@@ -139,21 +140,9 @@ def time_again(
     _write_times(folder, seconds, images.plan_s)
 
 
-def _write_times(
-    folder: Path,
-    seconds: list[float],
-    plan_s: float | None,
-    further: Mapping[str, Any] = MappingProxyType({}),
-) -> None:
+def _write_times(folder: Path, seconds: list[float], plan_s: float | None, **further: Any) -> None:
     """Write timing.json: the times of the images, s, and of the plan, and further entries."""
     write_json(folder / TIMING, {"seconds": seconds, "plan_seconds": plan_s, **further})
-
-
-def strongest_z_m(depths: list[DepthMap]) -> np.ndarray:
-    """Return the depth [n], metres, of the strongest scatterer in each of the n repeated frames.
-    It is read at the same pixel in all frames. depths: one depth map for each frame."""
-    amplitude = np.stack([10 ** (d.amplitude_db / 20) for d in depths])
-    return strongest_scatterer_z_m(np.stack([d.z_m for d in depths]), amplitude)
 
 
 def read_repeats(folder: Path) -> tuple[np.ndarray, ErrorMap]:

@@ -136,7 +136,7 @@ def board_warnings(
         focal_px = camera.params[0] if camera else focal_length_px([seen], size, board)
         board_m = np.linalg.norm(np.std([corners_m[id][k] for id, k in seen], axis=0))
         board_px = np.linalg.norm(np.std([*seen.values()], axis=0))
-        distance_m = (focal_px or max(photo.width, photo.height)) * float(board_m / board_px)
+        distance_m = (focal_px or max(size)) * float(board_m / board_px)
         if not NEAREST_M < distance_m < FARTHEST_M:
             yield (
                 f"{photo.name} was taken {distance_m:.2g} m from the board, as the board's "

@@ -287,8 +287,8 @@ def _inspect_source(
                     report.warn(file, mirror_warnings(depth, surface))
         if not entry.foreign and (accurate or entry.precision):
             frames = bench.frames if recorded and accurate else 1
-            image = partial(_require_imaged, about, echoes, entry.id, entry.config, frames)
-            report.read(where, partial(image, entry.every_nth_antenna))
+            chosen = entry.id, entry.config, frames, entry.every_nth_antenna
+            report.read(where, partial(_require_imaged, about, echoes, *chosen))
     return dict.fromkeys(names, recorded)
 
 
