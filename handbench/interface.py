@@ -14,7 +14,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.evaluation import score, scoring_protocols
 from handbench.bench.stages.image import configured, image, prepare
-from handbench.bench.validation.checks import CHANNELS, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, warnings_of
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import AntennaArray, numbers
@@ -54,7 +54,7 @@ def load(path: File) -> Capture | Depth | Surface | Transform | RunResult:
     """
     path = Path(path)
     if path.suffix == ".npz":
-        return Depth(load_depthmap(path))
+        return Depth(load_depthmap(path), file=path)
     if path.suffix == ".json":
         return load_any_transform(path)
     if path.suffix.lower() in MESHES:
@@ -240,12 +240,15 @@ class Depth(Delegating, Plottable):
     Args:
         map: the depth map as `DepthMap`.
         capture: the capture that was imaged; `evaluate` compares the map with its surface.
+        file: from which the map was read.
     """
 
     OF = "map"
 
-    def __init__(self, map: DepthMap, capture: Capture | None = None) -> None:
-        self.map, self.capture = map, capture
+    def __init__(
+        self, map: DepthMap, capture: Capture | None = None, file: File | None = None
+    ) -> None:
+        self.map, self.capture, self.file = map, capture, file
 
     def __repr__(self) -> str:
         seen_mm = 1e3 * self.z_m[self.z_m == self.z_m]
@@ -277,7 +280,8 @@ class Depth(Delegating, Plottable):
         protocol: str = "paper",
     ) -> Score:
         """Compare the depth map with a surface. Without a mesh, this is the surface of the capture
-        that was imaged: the true one or, if that is unknown, the measured one.
+        that was imaged: the true one or, if that is unknown, the measured one. Prints warnings on
+        stderr.
 
         Args:
             mesh: a mesh file (.ply, .obj, .stl; metres).
@@ -309,7 +313,9 @@ class Depth(Delegating, Plottable):
             read_surface(mesh), transform, PixelGrid(self.map.x_m, self.map.y_m)
         )
         found = score.score(self.map, reference, scoring_protocols.protocol(protocol), recorded)
-        return Score(found.errors, found.figures, self, Path(mesh).name)
+        scored = Score(found.errors, found.figures, self, Path(mesh).name)
+        warn(self.file or self.map.method, scored.warnings)
+        return scored
 
 
 class Score(dict[str, float | None], Plottable):
@@ -328,6 +334,7 @@ class Score(dict[str, float | None], Plottable):
     ) -> None:
         super().__init__(values)
         self.errors, self.depth, self.surface = errors, depth, surface
+        self.warnings = [*warnings_of(depth.map, MAP), *figure_warnings(values)]
 
     def __missing__(self, name: str) -> NoReturn:
         raise HandbenchError(f"score: has no '{name}'; {suggest(name, list(self))}")

@@ -7,6 +7,7 @@ import os
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -79,6 +80,11 @@ def test_a_depth_map_is_drawn_saved_and_turned_into_points(depth, tmp_path):
     np.testing.assert_array_equal(depth.points_m()[:, 2], depth.z_m[np.isfinite(depth.z_m)])
     copied = pickle.loads(pickle.dumps(hb.Depth(depth.map)))
     np.testing.assert_array_equal(copied.z_m, depth.z_m)
+
+
+def test_a_map_in_millimetres_is_warned_of(ball, depth, capsys):
+    hb.Depth(replace(depth.map, z_m=100 * depth.z_m)).evaluate(ball.truth)
+    assert "millimetres" in capsys.readouterr().err
 
 
 def test_load_knows_files_by_what_they_are(ball, depth, tmp_path):

@@ -12,7 +12,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.evaluation.metrics import definitions
 from handbench.bench.stages.image import configured, image
-from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, on_target, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, on_target, warnings_of
 from handbench.cli.options import set_values
 from handbench.interface import Capture, Depth
 from handbench.radar.data.capture import RadarCapture
@@ -96,18 +96,17 @@ def evaluate(options: argparse.Namespace) -> None:
     free(options.overwrite, options.plot)
     depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
     capture = options.capture and Capture(options.capture)
-    score = Depth(depth, capture).evaluate(options.mesh, transform, options.protocol)
-    warnings = [*warnings_of(depth, MAP), *figure_warnings(score)]
+    scored = Depth(depth, capture, options.depth)
+    score = scored.evaluate(options.mesh, transform, options.protocol)
     about: dict[str, Any] = {"method": depth.method}
     if options.json:
         about["definitions"] = definitions(score)
     if transform.refined:
         about["refined"] = f"{options.transform}: {transform.refined}"
-    warn(options.depth, warnings)
     if options.plot:
         score.plot(options.plot)
     if options.json or not (options.table or is_terminal(sys.stdout)):
-        print_json(({"warnings": warnings} if warnings else {}) | score | about)
+        print_json(({"warnings": score.warnings} if score.warnings else {}) | score | about)
     else:
         from handbench.reports.tables.table import of_values
         from handbench.reports.tables.writers import terminal
