@@ -22,7 +22,7 @@ from scipy.ndimage import map_coordinates
 
 import handbench as hb
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.stages.image import configuration
+from handbench.bench.stages.image import configured
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.methods.registry import method
@@ -118,7 +118,8 @@ SETS = {  # what makes a capture of a set, and its files
 
 def imaged(folder: Path, echoes: RadarCapture) -> hb.Depth:
     """Image echoes by broadband backprojection, as the capture's description sets it up."""
-    return hb.Depth(method("broadband").run(echoes, configuration(folder, "broadband", {})))
+    config = configured(open_capture(folder).about, "broadband", {})
+    return hb.Depth(method("broadband").run(echoes, config))
 
 
 def tape(work: Path) -> pd.DataFrame:

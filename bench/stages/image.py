@@ -3,12 +3,10 @@ uncertainty of the depths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from handbench.bench.datasets.dataset import open_capture
 from handbench.bench.datasets.native import FAR_M, CaptureFile
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, AntennaArray, qar50
 from handbench.radar.data.capture import RadarCapture, thin_antennas
@@ -58,7 +56,7 @@ def prepare(
     Args:
         echoes: the capture, with these frames at least.
         chosen: the method.
-        settings: its configuration, from `configuration`.
+        settings: its configuration, from `configured`.
         frames: numbers of the frames that are needed.
         every_nth_antenna: keep every n-th transmitter and receiver, in the order of the file.
 
@@ -122,15 +120,6 @@ def require_near(echoes: RadarCapture) -> RadarCapture:
 def places_m(capture: RadarCapture) -> np.ndarray:
     """Return the positions [n, 3] of all antennas of a capture, metres."""
     return np.concatenate([leg.position_m for leg in capture.aperture.legs])
-
-
-def configuration(capture: Path, method_id: str, config: dict[str, Any]) -> MethodSettings:
-    """Return a method's complete configuration for the capture in a folder.
-
-    The method's defaults are overridden by the settings in the capture's description, and these by
-    `config`. Raises HandbenchError for an unknown method or setting.
-    """
-    return configured(open_capture(capture).about, method_id, config)
 
 
 def configured(about: CaptureFile, method_id: str, config: dict[str, Any]) -> MethodSettings:

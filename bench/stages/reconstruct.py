@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, strongest_scatterer_z_m
-from handbench.bench.stages.image import configuration, prepare, required_frames
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviations_m, strongest_scatterer_z_m
+from handbench.bench.stages.image import configured, prepare, required_frames
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
 from handbench.radar.imaging.device import use_device
@@ -108,13 +108,12 @@ def repeat(
     first, *_ = depths = images.depths
     z_m = np.stack([depth.z_m for depth in depths])
     amplitude = np.stack([10 ** (depth.amplitude_db / 20) for depth in depths])
-    spread = deviation_map(first.x_m, first.y_m, z_m)
     write_npz(
         folder / REPEATS,
         z_m=strongest_scatterer_z_m(z_m, amplitude),
-        x_m=spread.x_m,
-        y_m=spread.y_m,
-        deviation_m=spread.error_m,
+        x_m=first.x_m,
+        y_m=first.y_m,
+        deviation_m=deviations_m(z_m),
     )
     _write_times(folder, images.seconds, images.plan_s)
 
@@ -216,8 +215,8 @@ class Imager:
         every_nth_antenna: int = 1,
         repeats: bool = False,
     ) -> None:
-        settings = configuration(capture, method_id, config)
-        echoes = open_capture(capture).echoes(frames)
+        recorded = open_capture(capture)
+        settings, echoes = configured(recorded.about, method_id, config), recorded.echoes(frames)
         different = different_frames(echoes.samples) if repeats else ()
         self.frames = different or required_frames(echoes, frames)
         self.task = prepare(echoes, method(method_id), settings, self.frames, every_nth_antenna)

@@ -95,9 +95,9 @@ def score_capture(
                 values = _of_frame(later, there, rules, data)
                 of_frames[number] = values | _motion(later, there, times, number)
             scores += [
-                (name, method, reference, "", number, metric, value)
+                (name, method, reference, "", number, *figure)
                 for number, values in of_frames.items()
-                for metric, value in values.items()
+                for figure in values.items()
             ]
     first = next(iter(surfaces))
     treated = {
@@ -110,9 +110,9 @@ def score_capture(
             depths = {method: of[treatment] for method, of in treated.items()}
             equal = treated_figures(taking_part(depths, surface.z_m), surface.z_m)
             scores += [
-                (name, method, reference, treatment, 0, metric, value)
+                (name, method, reference, treatment, 0, *figure)
                 for method, values in equal.items()
-                for metric, value in values.items()
+                for figure in values.items()
             ]
         on_pixels = pixels[first].x_m, pixels[first].y_m, surface.z_m, surface.sigma_m
         write_surface(folder, name, reference, SurfaceMap(*on_pixels))

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.datasets.native import FAR_M, INSPECTION, NativeCapture
-from handbench.bench.stages.image import configuration, places_m, require_near
+from handbench.bench.datasets.native import FAR_M, INSPECTION, CaptureFile, NativeCapture
+from handbench.bench.stages.image import configured, places_m, require_near
 from handbench.bench.validation.checks import ARRAY, MAP, doubt, missing_frames, warnings_of
 from handbench.calibration.corrections import from_echoes
 from handbench.groundtruth.mesh.depth import reference_on_grid
@@ -122,7 +122,7 @@ def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
     surface = recorded.surface()
     start_m = float(np.median(surface.vertices_m[:, 2])) if surface else 0.0
     begun = {FIRST: start_m} if 0 < start_m < FAR_M else {}
-    image = partial(_depth_map, recorded.folder, begun)
+    image = partial(_depth_map, recorded.about, begun)
     imaged = image(echoes)
     as_is_mm = error_mm(imaged, surface) if imaged and surface else np.inf
     if as_is_mm <= GOOD_MM:
@@ -136,12 +136,12 @@ def capture_warnings(recorded: NativeCapture, frames: int = 1) -> Iterator[str]:
         yield from order_warnings(echoes, image, surface, as_is_mm)
 
 
-def _depth_map(folder: Path, begun: dict[str, Any], capture: RadarCapture) -> DepthMap | None:
+def _depth_map(about: CaptureFile, begun: dict[str, Any], capture: RadarCapture) -> DepthMap | None:
     """Image a capture by the first method of PROBES that can use its tones; None if no method can.
-    begun: the first depth, for methods that have one."""
+    about: its description; begun: the first depth, for methods that have one."""
     for name in PROBES:
         begun_here = begun if isinstance(method(name).defaults, Fsk) else {}
-        config = configuration(folder, name, begun_here)
+        config = configured(about, name, begun_here)
         try:
             return with_p_gross(method(name).run(capture, config, 0), capture, config)
         except HandbenchError:

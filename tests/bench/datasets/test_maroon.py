@@ -14,7 +14,7 @@ from handbench.bench.datasets.dataset import import_capture, open_capture
 from handbench.bench.datasets.maroon import KEY, KEYS, MESHES, eroded, load_alignment, read_numbers
 from handbench.bench.datasets.native import NativeCapture
 from handbench.bench.evaluation.score import reference_of_file
-from handbench.bench.stages.image import configuration
+from handbench.bench.stages.image import configured
 from handbench.bench.stages.reconstruct import Imager
 from handbench.groundtruth.mesh.surface import read_triangles
 from handbench.radar.data.arrays import SPEED_OF_LIGHT_M_S, qar50
@@ -61,7 +61,7 @@ def test_frames_box_transform_and_mesh_come_back(tmp_path, mirrored):
         np.testing.assert_array_equal(maroon.echoes(frames).samples, written.samples[:frames])
     axes = {axis: Axis(**AXES[axis]).values_m() for axis in "xyz"}
     for method_id, names in {"broadband": "xyz", "narrowband": "xyz", "3fsk-plus": "xy"}.items():
-        settings = configuration(path, method_id, {})
+        settings = configured(maroon.about, method_id, {})
         for axis in names:
             np.testing.assert_allclose(getattr(settings, axis).values_m(), axes[axis], atol=1e-12)
     grid = PixelGrid(axes["x"], axes["y"])
@@ -120,13 +120,14 @@ VOLUME = {"bb_min": [-0.1, -0.05, 0.25], "bb_max": [0.2, 0.15000000596, 0.4]}  #
 
 def test_the_box_is_theirs_rounded_or_moved_to_the_object(mine):
     write_json(mine / BOX, {"000000": {"volume": VOLUME | {"grid_size": [301, 201, 151]}}})
-    y_m = configuration(mine, "broadband", {}).y.values_m()
+    y_m = configured(open_capture(mine).about, "broadband", {}).y.values_m()
     assert (y_m[0], y_m[-1], len(y_m)) == (-0.05, 0.15, 201)
     (mine / BOX).unlink()
     write_json(mine / "metadata.json", {"distance_meters": 0.5})
-    z = configuration(mine, "broadband", {}).z
+    about = open_capture(mine).about
+    z = configured(about, "broadband", {}).z
     assert (z.start_m, z.stop_m) == (0.45, 0.6)
-    assert configuration(mine, "3fsk", {}).x == method("3fsk").defaults.x
+    assert configured(about, "3fsk", {}).x == method("3fsk").defaults.x
 
 
 def test_what_their_code_puts_in_the_place_of_missing_files(mine):
