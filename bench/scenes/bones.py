@@ -66,10 +66,10 @@ class Bone:
         """The distal joint [3], or the tip of the last bone, metres."""
         return self.start_m + self.length_m * self.axis
 
-    def at(self, along_m: float, palmar_m: float = 0.0) -> np.ndarray:
-        """Return the point [3] that is along_m from the proximal joint along the axis, and palmar_m
-        towards the palm's side."""
-        return self.start_m + along_m * self.axis + palmar_m * self.palmar
+    def at(self, share: float, palmar_m: float = 0.0) -> np.ndarray:
+        """Return the point [3] a share of the length from the proximal joint along the axis, and
+        palmar_m towards the palm's side."""
+        return self.start_m + share * self.length_m * self.axis + palmar_m * self.palmar
 
     def distance_m(self, points_m: np.ndarray) -> np.ndarray:
         """Return the distances [n] of points [n, 3] from the bone's line, metres."""
@@ -80,7 +80,7 @@ class Bone:
     def child(self, flexion_deg: float, length_m: float) -> "Bone":
         """Return the next bone towards the fingertip. It starts at the end of this bone and is bent
         by flexion_deg towards the palm."""
-        c, s = np.cos(np.radians(flexion_deg)), np.sin(np.radians(flexion_deg))
+        c, s = _cos_sin(flexion_deg)
         return Bone(
             self.end_m, c * self.axis + s * self.palmar, c * self.palmar - s * self.axis, length_m
         )
@@ -134,10 +134,9 @@ def forearm_from_palm(wrist: WristPose) -> np.ndarray:
     A bent wrist moves the forearm and not the hand: a flexed one brings the forearm to the palm's
     side.
     """
-    flexion, deviation = np.radians(wrist.flexion_deg), np.radians(wrist.deviation_deg)
-    c, s = np.cos(deviation), np.sin(deviation)
+    c, s = _cos_sin(wrist.deviation_deg)
     deviated = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    c, s = np.cos(flexion), np.sin(flexion)
+    c, s = _cos_sin(wrist.flexion_deg)
     flexed = np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
     return flexed @ deviated
 
@@ -175,8 +174,8 @@ def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarra
 def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
     metacarpal_m, proximal_m, middle_m, distal_m = _lengths_m(name, person)
     knuckle_m = _on_palm_m(KNUCKLES_MM[name], person)
-    roll = np.radians(ROLL_DEG[name])
-    palmar = np.cos(roll) * PALMAR + np.sin(roll) * RADIAL
+    c, s = _cos_sin(ROLL_DEG[name])
+    palmar = c * PALMAR + s * RADIAL
     along = _towards_thumb(METACARPAL_DEG[name])
     metacarpal = Bone(
         knuckle_m - metacarpal_m * along, along, _orthogonal(palmar, along), metacarpal_m
@@ -190,10 +189,11 @@ def _finger(name: str, pose: FingerPose, person: Person) -> tuple[Bone, ...]:
 
 def _thumb(pose: ThumbPose, person: Person) -> tuple[Bone, ...]:
     metacarpal_m, proximal_m, distal_m = _lengths_m("thumb", person)
-    out, turn = np.radians(pose.palmar_deg), np.radians(pose.opposition_deg)
-    axis = np.cos(out) * _towards_thumb(pose.radial_deg) + np.sin(out) * PALMAR
+    c, s = _cos_sin(pose.palmar_deg)
+    axis = c * _towards_thumb(pose.radial_deg) + s * PALMAR
     across = _orthogonal(-RADIAL, axis)
-    palmar = np.cos(turn) * across + np.sin(turn) * np.cross(across, axis)
+    c, s = _cos_sin(pose.opposition_deg)
+    palmar = c * across + s * np.cross(across, axis)
     metacarpal = Bone(_on_palm_m(THUMB_BASE_MM, person), axis, palmar, metacarpal_m)
     proximal = metacarpal.child(pose.mcp_deg, proximal_m)
     return metacarpal, proximal, proximal.child(pose.ip_deg, distal_m)
@@ -210,7 +210,12 @@ def _on_palm_m(point_mm: tuple[float, float, float], person: Person) -> np.ndarr
 
 
 def _towards_thumb(angle_deg: float) -> np.ndarray:
-    return np.cos(np.radians(angle_deg)) * DISTAL + np.sin(np.radians(angle_deg)) * RADIAL
+    c, s = _cos_sin(angle_deg)
+    return c * DISTAL + s * RADIAL
+
+
+def _cos_sin(angle_deg: float) -> tuple[float, float]:
+    return np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
 
 
 def _orthogonal(vector: np.ndarray, axis: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@ the posed bones smoothly; and that skin while the fingers move."""
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import reduce
 
 import numpy as np
@@ -143,15 +144,12 @@ def _digit(phalanges: tuple[Bone, ...], radii_m: np.ndarray) -> Field:
 def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
     """Return the signed distance to one phalanx, as a function of points. The phalanx is narrower
     between its joints and has a pad on the palm's side. base_m, end_m: radii at the two joints."""
-    length = bone.length_m
     waist = 0.97 * (base_m + end_m) / 2
     return smooth_union(
         [
-            round_cone(bone.at(0), bone.at(0.55 * length), base_m, waist),
-            round_cone(bone.at(0.5 * length), bone.at(length), waist, end_m),
-            round_cone(
-                bone.at(0.33 * length, 2.2e-3), bone.at(0.72 * length, 2.0e-3), waist, 0.96 * waist
-            ),
+            round_cone(bone.at(0), bone.at(0.55), base_m, waist),
+            round_cone(bone.at(0.5), bone.at(1), waist, end_m),
+            round_cone(bone.at(0.33, 2.2e-3), bone.at(0.72, 2.0e-3), waist, 0.96 * waist),
         ],
         4e-3,
     )
@@ -160,15 +158,12 @@ def _phalanx(bone: Bone, base_m: float, end_m: float) -> Field:
 def _fingertip(bone: Bone, joint_m: float, tip_m: float) -> Field:
     """Return the signed distance to the last phalanx, as a function of points. The phalanx is flat
     on the nail's side and full on the other. joint_m, tip_m: radii at its joint and at its tip."""
-    reach = bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m
+    flesh = replace(bone, length_m=bone.length_m + 1e-3 * TIP_TISSUE_MM - tip_m)
     return smooth_union(
         [
-            round_cone(bone.at(0), bone.at(reach, 0.3e-3), joint_m, tip_m),
+            round_cone(flesh.at(0), flesh.at(1, 0.3e-3), joint_m, tip_m),
             round_cone(
-                bone.at(0.45 * reach, 1.9e-3),
-                bone.at(0.85 * reach, 1.2e-3),
-                0.97 * joint_m,
-                1.03 * tip_m,
+                flesh.at(0.45, 1.9e-3), flesh.at(0.85, 1.2e-3), 0.97 * joint_m, 1.03 * tip_m
             ),
         ],
         4e-3,
@@ -215,16 +210,10 @@ def _palm(bones: dict[str, tuple[Bone, ...]], wrist: WristPose, person: Person) 
 
 
 def _metacarpal(bone: Bone, base_m: float, thick: float) -> Field:
-    length = bone.length_m
     return smooth_union(
         [
-            round_cone(bone.at(0, 0.5e-3), bone.at(length), thick * 11e-3, base_m),
-            round_cone(
-                bone.at(0.98 * length, 2.5e-3),
-                bone.at(1.12 * length, 2e-3),
-                base_m,
-                base_m - 0.6e-3,
-            ),
+            round_cone(bone.at(0, 0.5e-3), bone.at(1), thick * 11e-3, base_m),
+            round_cone(bone.at(0.98, 2.5e-3), bone.at(1.12, 2e-3), base_m, base_m - 0.6e-3),
         ],
         6e-3,
     )
@@ -234,14 +223,13 @@ def _thenar(thumb: Bone, index: Bone, middle: Bone, thick: float) -> list[Field]
     """Return the signed distances to the parts of the ball of the thumb: the thumb's metacarpal,
     the muscles, and the skin between thumb and index finger. thick: the person's factor on
     radii."""
-    length = thumb.length_m
     muscle, inner, web = (
-        thumb.at(a * length, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3))
+        thumb.at(a, thick * m) for a, m in ((0.7, 5e-3), (0.12, 5.5e-3), (0.82, 3e-3))
     )
-    from_middle = middle.at(0.15 * middle.length_m, thick * 6e-3)
-    from_index = index.at(0.5 * index.length_m, thick * 2e-3)
+    from_middle = middle.at(0.15, thick * 6e-3)
+    from_index = index.at(0.5, thick * 2e-3)
     return [
-        round_cone(thumb.at(0), thumb.at(length), thick * 12e-3, thick * 10e-3),
+        round_cone(thumb.at(0), thumb.at(1), thick * 12e-3, thick * 10e-3),
         round_cone(inner, muscle, thick * 12e-3, thick * 10e-3),
         round_cone(from_middle, muscle, thick * 10e-3, thick * 8e-3),
         round_cone(from_index, web, thick * 9e-3, thick * 7e-3),

@@ -214,9 +214,7 @@ def _creases(name: str, digit: tuple[Bone, ...], person: Person) -> list[Crease]
     flesh_m, creases = radii_m(name, person), []
     if name in FINGERS:
         root = digit[1]
-        creases.append(
-            Crease(root.at(ROOT_CREASE * root.length_m), root.axis, root.palmar, 1.7 * flesh_m[0])
-        )
+        creases.append(Crease(root.at(ROOT_CREASE), root.axis, root.palmar, 1.7 * flesh_m[0]))
     for inner, outer, radius_m in zip(digit[1:], digit[2:], flesh_m[1:], strict=False):
         means = (inner.axis + outer.axis, inner.palmar + outer.palmar)
         axis, palmar = (vector / np.linalg.norm(vector) for vector in means)
@@ -270,7 +268,7 @@ def _nail(bone: Bone, radius_m: float) -> Nail:
     """Return the nail on the back of a digit's last bone. radius_m: of the fingertip."""
     across = np.cross(bone.axis, bone.palmar) / (0.72 * radius_m)
     axes = np.column_stack([bone.axis / (0.95 * radius_m), across, bone.palmar])
-    return Nail(bone.at(0.80 * bone.length_m), axes, bone.length_m)
+    return Nail(bone.at(0.80), axes, bone.length_m)
 
 
 def _nail_factor(along_across_palmar: np.ndarray) -> np.ndarray:
