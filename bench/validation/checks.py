@@ -257,14 +257,12 @@ def doubt(depths: Iterable[DepthMap]) -> Iterator[str]:
         )
 
 
-def _counts(depths: Iterable[DepthMap]) -> tuple[int, int, int]:
+def _counts(depths: Iterable[DepthMap]) -> list[int]:
     """Return how many pixels of depth maps have a depth, one in doubt, and one of 0 or less."""
-    seen, doubtful, zeros = 0, 0, 0
+    counts = np.zeros(3, int)
     for depth in depths:
-        seen += int(np.count_nonzero(np.isfinite(depth.z_m)))
-        doubtful += int(np.count_nonzero(depth.doubtful))
-        zeros += int(np.count_nonzero(depth.z_m <= 0))
-    return seen, doubtful, zeros
+        counts += [of.sum() for of in (np.isfinite(depth.z_m), depth.doubtful, depth.z_m <= 0)]
+    return counts.tolist()
 
 
 def on_target(depth: DepthMap) -> str:

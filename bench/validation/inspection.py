@@ -141,14 +141,12 @@ def _inspect_folder(path: Path, report: Report) -> list[NativeCapture]:
     """Inspect a folder, and return its captures that can be read."""
     native = (path / ECHOES).exists()
     if (path / "result.json").is_file():
-        from handbench.bench.results.maps import read_map
-        from handbench.bench.results.result_folder import load as load_result  # with scipy
-        from handbench.bench.results.result_folder import map_files
+        from handbench.bench.results import maps, result_folder  # with scipy
 
-        result = load_result(path)
-        report.check(path, result, (result_warnings,))
-        for file, name in map_files(result).items():
-            report.read(file, partial(read_map, file, name))
+        result = result_folder.load(path)
+        report.warn(path, result_warnings(result))
+        for file, name in result_folder.map_files(result).items():
+            report.read(file, partial(maps.read_map, file, name))
     elif native or has_capture(path):
         return _inspect_captures([path] if native else captures(path), report)
     elif is_ti_raw(path):
