@@ -14,7 +14,7 @@ import numpy as np
 from handbench.bench.datasets.dataset import load_any_transform, open_capture
 from handbench.bench.evaluation import score, scoring_protocols
 from handbench.bench.stages.image import configured, image, prepare
-from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, warnings_of
+from handbench.bench.validation.checks import CHANNELS, MAP, figure_warnings, on_target, warnings_of
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.mesh.surface import Surface, read_surface
 from handbench.radar.data.arrays import AntennaArray, numbers
@@ -251,14 +251,7 @@ class Depth(Delegating, Plottable):
         self.map, self.capture, self.file = map, capture, file
 
     def __repr__(self) -> str:
-        seen_mm = 1e3 * self.z_m[self.z_m == self.z_m]
-        depths = (
-            f"{seen_mm.min():.1f} to {seen_mm.max():.1f} mm" if len(seen_mm) else "nothing seen"
-        )
-        return (
-            f"<handbench.Depth {self.method}: {' × '.join(map(str, self.z_m.shape))} pixels, "
-            f"{len(seen_mm)} on target, {depths}>"
-        )
+        return f"<handbench.Depth {self.method}: {on_target(self.map)}>"
 
     def _figure(self) -> Figure:
         from handbench.bench.results.maps import SurfaceMap

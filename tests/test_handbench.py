@@ -72,7 +72,7 @@ def test_a_stream_images_frames_as_they_arrive(ball):
 
 
 def test_a_depth_map_is_drawn_saved_and_turned_into_points(depth, tmp_path):
-    assert "2fsk: 21 × 21 pixels" in repr(depth)
+    assert "2fsk: 65 pixels" in repr(depth)
     for drawn in (depth, depth.evaluate()):
         assert drawn._repr_png_().startswith(b"\x89PNG")
     depth.plot(tmp_path / "depth.pdf")

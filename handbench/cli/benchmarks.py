@@ -25,9 +25,13 @@ def run(options: argparse.Namespace) -> None:
     """Run a benchmark, or resume an interrupted run, and print the main figures at the end."""
     from handbench.bench.run import runner
 
-    bench, base = load_benchmark(options.bench, options.only)
-    command = f"handbench run {options.bench} -o DIR"
-    result = runner.run(bench, base, options.out, options.overwrite, options.scheduler, command)
+    result = runner.run(
+        *load_benchmark(options.bench, options.only),
+        options.out,
+        options.overwrite,
+        options.scheduler,
+        f"handbench run {options.bench} -o DIR",
+    )
     show_result(result, options.out)
     _require_all(result)
 

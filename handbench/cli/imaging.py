@@ -96,8 +96,7 @@ def evaluate(options: argparse.Namespace) -> None:
     free(options.overwrite, options.plot)
     depth, transform = load_depthmap(options.depth), load_any_transform(options.transform)
     capture = options.capture and Capture(options.capture)
-    scored = Depth(depth, capture, options.depth)
-    score = scored.evaluate(options.mesh, transform, options.protocol)
+    score = Depth(depth, capture, options.depth).evaluate(options.mesh, transform, options.protocol)
     about: dict[str, Any] = {"method": depth.method}
     if options.json:
         about["definitions"] = definitions(score)
@@ -106,7 +105,7 @@ def evaluate(options: argparse.Namespace) -> None:
     if options.plot:
         score.plot(options.plot)
     if options.json or not (options.table or is_terminal(sys.stdout)):
-        print_json(({"warnings": score.warnings} if score.warnings else {}) | score | about)
+        print_json({"warnings": score.warnings} | score | about)
     else:
         from handbench.reports.tables.table import of_values
         from handbench.reports.tables.writers import terminal

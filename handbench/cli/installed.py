@@ -42,8 +42,7 @@ def list_entries(options: argparse.Namespace) -> None:
         entries = {entry.name: entry for entry in sections[section]}
         if options.name is None:
             _print_lines(section, entries.values())
-        elif options.name in entries:
-            entry = entries[options.name]
+        elif entry := entries.get(options.name):
             print_lines(f"{entry.name}: {entry.summary}")
             for term, meaning in entry.details.items():
                 print_wrapped(f"  {term:<{TERM}}  {meaning}", " " * (TERM + 4))
