@@ -50,7 +50,10 @@ WIDE_M = 0.1
 LOUDEST_DB = 0.01  # of a depth map, where rounding may add to 0
 FAR_PERCENT = 10  # of the distance: a mean error that large is none of a surface in sight
 FARTHEST_MM = 50.0  # mean error of what may still be an image
-CURE = "check that the surface is in metres and in the radar frame with `handbench inspect`"
+CURE = (
+    "check that map and surface are in metres and in the radar's frame; a surface in the "
+    "photographs' frame needs its transform (--transform)"
+)
 
 Thing = TypeVar("Thing")
 
