@@ -15,7 +15,7 @@ from handbench.bench.scenes.textures import foam, marked_skin, skin, styrodur
 from handbench.calibration.transforms import Transform
 from handbench.groundtruth.cameras import Camera
 from handbench.groundtruth.mesh.surface import mesh
-from handbench.support.rays import RaycastingScene, load_open3d
+from handbench.support.rays import RaycastingScene
 
 # points [n, 3] in the photo frame to reflectance [n, 3]
 Albedo = Callable[[np.ndarray], np.ndarray]
@@ -186,7 +186,7 @@ def clear(
     result = np.zeros(len(origins_m), np.float32)
     tested = np.flatnonzero(wanted)
     query = np.hstack([origins_m[tested], towards[tested]])
-    result[tested] = ~rays.test_occlusions(load_open3d().core.Tensor(query), tfar=1.0).numpy()
+    result[tested] = ~rays.test_occlusions(query, tfar=1.0).numpy()
     return result
 
 

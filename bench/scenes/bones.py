@@ -92,7 +92,7 @@ class Bone:
         )
 
 
-def radii_m(name: str, person: Person = MEAN) -> np.ndarray:
+def radii_m(name: str, person: Person) -> np.ndarray:
     """Return the radii of a digit's flesh, metres: at the base of its first phalanx, at each joint
     towards the tip, and at the tip.
 
@@ -146,7 +146,7 @@ def forearm_direction(pose: Pose) -> np.ndarray:
     return -hand_from_palm(pose) @ HAND_AXES @ forearm_from_palm(pose.wrist)[:, 1]
 
 
-def palmar(pose: Pose, points_m: np.ndarray, person: Person = MEAN) -> np.ndarray:
+def palmar(pose: Pose, points_m: np.ndarray, person: Person) -> np.ndarray:
     """Return the mask [n] of the points [n, 3] of the skin (hand frame) that are on the palm's side
     of the hand, without the wrist.
 

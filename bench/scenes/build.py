@@ -47,7 +47,7 @@ class Scene:
     and upper corner, in the photo frame, of the box to which reconstructions are cropped; it
     contains the target without plate and block. block_m [2, 3]: corners of the block under a hand's
     forearm in the photo frame (None: no block; there is one only if the forearm points down).
-    array: the radar's antennas. folder: folder of the files that the scene file refers to.
+    array: the radar's antennas.
     """
 
     file: SceneFile
@@ -57,7 +57,6 @@ class Scene:
     radar_from_photo: Transform
     cameras: tuple[Camera, ...]
     box_m: np.ndarray
-    folder: Path
     block_m: np.ndarray | None = None
     target: Target | None = None
 
@@ -122,16 +121,7 @@ def build(file: SceneFile, folder: str | Path = ".") -> Scene:
     aim_m = np.array([0.0, 0.0, file.target.distance_m])
     cameras = rig(file.photos, aim_m, radar_from_photo, file.seed) if file.photos else ()
     return Scene(
-        file,
-        array,
-        surface,
-        radar_from_target,
-        radar_from_photo,
-        cameras,
-        box_m,
-        folder,
-        block_m,
-        target,
+        file, array, surface, radar_from_target, radar_from_photo, cameras, box_m, block_m, target
     )
 
 

@@ -19,14 +19,13 @@ from handbench.radar.simulation.simulate import SimulatedCapture, simulate_scene
 ROOM_STEP_M = 5e-3
 
 
-def echoes(scene: Scene, frames: int = 1, radar_scene: EchoScene | None = None) -> SimulatedCapture:
+def echoes(scene: Scene, frames: int, radar_scene: EchoScene) -> SimulatedCapture:
     """Simulate the echoes of a scene with the effects that its file asks for.
 
     frames: number of repeated measurements, which differ only in what is random over time, such as
-    noise. radar_scene: an earlier result of `echo_scene` for this scene (None: computed here).
+    noise. radar_scene: the result of `echo_scene` for this scene.
     """
-    radar_scene, stand = radar_scene or echo_scene(scene), scene.file.stand
-    chosen = choose(radar_scene, scene.file.effects)
+    stand, chosen = scene.file.stand, choose(radar_scene, scene.file.effects)
     simulated = simulate_scene(radar_scene, chosen, frames, empty=stand.empty or stand.subtract)
     return simulated.subtracted() if stand.subtract else simulated
 

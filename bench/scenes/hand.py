@@ -46,7 +46,7 @@ CONTACT_MM, WEB_MM = (2.5, 11.0)
 WEB_REACH_MM = {name: (14.0, 34.0) for name in FINGERS} | {"thumb": (6.0, 22.0)}
 
 
-def hand_mesh(pose: Pose, edge_m: float = 1e-3, person: Person = MEAN) -> TriangleMesh:
+def hand_mesh(pose: Pose, edge_m: float, person: Person = MEAN) -> TriangleMesh:
     """Make the mesh of a right hand's skin in the hand frame, metres: closed, in one piece, with
     outward normals and edges of about edge_m.
 

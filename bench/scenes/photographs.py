@@ -107,10 +107,7 @@ class Studio:
         pixel = np.flatnonzero(near)
         rays = rays.reshape(-1, 3)[pixel]
         query = np.hstack([np.broadcast_to(origin_m, rays.shape), rays])
-        hits = {
-            key: hit.numpy()
-            for key, hit in self.rays.cast_rays(load_open3d().core.Tensor(query)).items()
-        }
+        hits = {key: hit.numpy() for key, hit in self.rays.cast_rays(query).items()}
         for number, (body, light) in enumerate(zip(self.bodies, self.light, strict=True)):
             seen = np.flatnonzero(hits["geometry_ids"] == number)
             along_m, uv = hits["t_hit"][seen], hits["primitive_uvs"][seen]
