@@ -51,34 +51,34 @@ def inspect_capture(
     Returns the capture and the echoes of its first `frames` frames (None: all); None if its
     description or its echoes cannot be read."""
     read = partial(report.read, folder)
-    recorded = read(partial(open_capture, folder))
+    recorded = read(open_capture, folder)
     if recorded is None:
         return None
     about = read(lambda: recorded.about)
     if about is not None:
         report.warn(folder / DESCRIPTION, lengths(about))
         for id in about.methods:
-            report.read(folder / DESCRIPTION, partial(configured, about, id, {}))
+            report.read(folder / DESCRIPTION, configured, about, id, {})
         if about.kind == "target" and not (recorded.folder / TARGET).exists():
             report.refuse(folder, f"is a capture of the calibration target without {TARGET}")
-    echoes = read(partial(recorded.echoes, frames))
+    echoes = read(recorded.echoes, frames)
     if echoes is not None:
-        read(partial(require_near, echoes))
+        read(require_near, echoes)
         if not echoes.samples[0].any():
             report.refuse(folder, "frame 0, which a run images, has no echo; record it again")
         report.warn(folder, [*missing_frames(echoes, frames), *warnings_of(echoes, CHANNELS)])
     mesh = read(recorded.mesh)
-    truths = None if echoes is None else read(partial(recorded.truths, len(echoes.samples)))
+    truths = None if echoes is None else read(recorded.truths, len(echoes.samples))
     surfaces = {}
     for file in filter(None, (recorded.truth, mesh, *(truths or ()))):
-        surfaces[file] = read(partial(read_surface, file))
+        surfaces[file] = read(read_surface, file)
         report.check(file, surfaces[file], (size,))
     transform = read(recorded.transform)
     if transform is not None:
         surface = surfaces.get(mesh) if mesh else None
         report.warn(recorded.folder / TRANSFORM, transform_warnings(transform, surface))
     if (file := recorded.folder / TARGET).exists():
-        read(partial(load_target, file))
+        read(load_target, file)
     if recorded.photos is not None:
         inspect_photos(recorded.photos, report)
     return None if about is None or echoes is None else (recorded, echoes)
@@ -105,9 +105,9 @@ def inspect_photos(folder: Path, report: Report, scaled: bool = True) -> None:
     and warnings. scaled: whether one of these two files must give the scale; if not, its absence is
     only a warning."""
     described, posed = folder / "board.toml", folder / "cameras.json"
-    photos = report.read(folder, partial(find_photos, folder)) or ()
-    board = report.read(described, partial(load_board, described)) if described.exists() else None
-    cameras = report.read(posed, partial(cameras_of, photos, posed)) if posed.exists() else None
+    photos = report.read(folder, find_photos, folder) or ()
+    board = report.read(described, load_board, described) if described.exists() else None
+    cameras = report.read(posed, cameras_of, photos, posed) if posed.exists() else None
     poses = [camera for camera in cameras or () if camera.posed]
     if not described.exists() and len(poses) < FEWEST_POSES:
         text = (

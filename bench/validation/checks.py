@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -228,8 +228,7 @@ def figure_warnings(values: Mapping[str, float | int | None]) -> Iterator[str]:
     mean_mm, accuracy = values["mae_mm"], values["relative_accuracy_percent"]
     if accuracy is None:
         yield f"no pixel of the depth map is in front of or behind the surface; {CURE}"
-        return
-    if accuracy < 100 - FAR_PERCENT:
+    elif accuracy < 100 - FAR_PERCENT:
         yield (
             f"the mean error, {mean_mm:.3g} mm, is larger than {FAR_PERCENT} % of the distance; "
             f"{CURE}"
@@ -286,11 +285,13 @@ class Report:
         self.lines: dict[str, bool] = {}
         self.notes: list[str] = []
 
-    def read(self, place: Path | str, reader: Callable[[], Thing]) -> Thing | None:
-        """Call `reader` and return its result. If it raises a HandbenchError, add all problems in
-        it, and return None. place: the file or folder that is read."""
+    def read(
+        self, place: Path | str, reader: Callable[..., Thing], *arguments: Any
+    ) -> Thing | None:
+        """Call `reader` with the arguments and return its result. If it raises a HandbenchError,
+        add all problems in it, and return None. place: the file or folder that is read."""
         try:
-            return reader()
+            return reader(*arguments)
         except HandbenchError as error:
             self.refuse(place, *error.problems)
             return None

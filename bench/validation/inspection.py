@@ -107,13 +107,13 @@ def inspect(name: str) -> Report:
     """
     report, path = Report(), Path(name)
     read = _inspect_folder if path.is_dir() else _inspect_file
-    recorded = report.read(path, partial(read, path, report)) or ()
+    recorded = report.read(path, read, path, report) or ()
     if recorded and all(report.lines.values()):
         from handbench.bench.validation.capture_warnings import capture_warnings  # which images
 
         for capture in track(recorded, "images"):
             warnings = capture_warnings(capture)
-            report.read(capture.folder, partial(report.warn, capture.folder, warnings))
+            report.read(capture.folder, report.warn, capture.folder, warnings)
     return report
 
 
@@ -146,7 +146,7 @@ def _inspect_folder(path: Path, report: Report) -> list[NativeCapture]:
         result = result_folder.load(path)
         report.warn(path, result_warnings(result))
         for file, name in result_folder.map_files(result).items():
-            report.read(file, partial(maps.read_map, file, name))
+            report.read(file, maps.read_map, file, name)
     elif native or has_capture(path):
         return _inspect_captures([path] if native else captures(path), report)
     elif is_ti_raw(path):
@@ -203,25 +203,25 @@ def inspect_benchmark(name: str, report: Report) -> list[NativeCapture]:
     from handbench.bench.stages.foreign import words  # whose module images
 
     path = find_benchmark(name)
-    bench = report.read(path, partial(load, BenchFile, path, "a benchmark description"))
+    bench = report.read(path, load, BenchFile, path, "a benchmark description")
     if bench is None:
         return []
     read = partial(report.read, path)
-    entries = [entry for entry in bench.method if read(partial(checked_entry, entry, path))]
+    entries = [entry for entry in bench.method if read(checked_entry, entry, path)]
     for entry in entries:
         if entry.command and not shutil.which(program := words(entry.command, path.parent)[0]):
             text = f"its command '{program}' is not an installed program; give its path"
             report.refuse(path, f"method '{entry.label}': {text}")
-    methods = read(partial(expanded, entries, path)) or ()
+    methods = read(expanded, entries, path) or ()
     bench = bench.model_copy(update={"method": methods})
     for origin in bench.calibration:
-        read(partial(_inspect_target, path.parent, origin, report))
-    sets = (read(partial(each.sources, path.parent)) or () for each in bench.dataset or ())
+        read(_inspect_target, path.parent, origin, report)
+    sets = (read(each.sources, path.parent) or () for each in bench.dataset or ())
     recorded: dict[str, NativeCapture | None] = {}
     for source in track([*bench.capture, *chain(*sets)], "captures"):
-        opened = read(partial(_inspect_source, bench, path, source, report))
+        opened = read(_inspect_source, bench, path, source, report)
         for name, capture in (opened or {}).items():
-            read(partial(require_clear, name, f"capture '{name}'"))
+            read(require_clear, name, f"capture '{name}'")
             if name in recorded:
                 report.refuse(path, f"two captures are named '{name}'; give each its own name")
             recorded[name] = capture
@@ -233,7 +233,7 @@ def _inspect_target(base: Path, origin: Origin, report: Report) -> None:
     of the benchmark file."""
     if origin.scene is not None:
         file = real(base, origin.scene, "calibration.scene")
-        report.read(file, partial(_inspect_scene, file))
+        report.read(file, _inspect_scene, file)
         return
     folder = real(base, origin.path or "", "calibration.path")
     inspect_capture(folder, report, 1)
@@ -261,12 +261,12 @@ def _inspect_source(
         recorded, echoes = opened
         about, names = recorded.about, [recorded.about.name]
         if accurate:
-            report.read(path, partial(require_reference, recorded, bool(bench.calibration)))
+            report.read(path, require_reference, recorded, bool(bench.calibration))
     else:
         file = real(path.parent, source.scene or "", "capture.scene")
         scenes = [scene_of(bench, path.parent, one)[0] for one in source.each()]
         names = [scene.name for scene in scenes]
-        scene = report.read(file, partial(_built, scenes[0], file.parent))
+        scene = report.read(file, _built, scenes[0], file.parent)
         if scene is None:
             return {}
         about, sensor = CaptureFile(name=names[0]), scene.file.sensor
@@ -277,7 +277,7 @@ def _inspect_source(
         where = f"{path}: capture '{about.name}' with method '{entry.label}'"
         if entry.maps is not None and accurate:
             for file in (path.parent / entry.maps / f"{name}.npz" for name in names):
-                depth = report.read(where, partial(_map, bench, file, entry, about))
+                depth = report.read(where, _map, bench, file, entry, about)
                 report.check(file, depth, MAP)
                 if depth and recorded and (surface := recorded.surface()):
                     from handbench.bench.validation.capture_warnings import mirror_warnings
@@ -286,7 +286,7 @@ def _inspect_source(
         if not entry.foreign and (accurate or entry.precision):
             frames = bench.frames if recorded and accurate else 1
             chosen = entry.id, entry.config, frames, entry.every_nth_antenna
-            report.read(where, partial(_require_imaged, about, echoes, *chosen))
+            report.read(where, _require_imaged, about, echoes, *chosen)
     return dict.fromkeys(names, recorded)
 
 
