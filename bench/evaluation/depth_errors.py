@@ -222,8 +222,8 @@ def coverage_percent(depth: DepthMap, errors: ErrorMap) -> dict[int, float]:
     if not usable.any():
         return {}
     deviations = np.abs(errors.error_m[usable]) / sigma_m[usable]
-    reaches = {p: NormalDist().inv_cdf(0.5 + p / 200) for p in NOMINAL_PERCENT}
-    return {p: 100 * float(np.mean(deviations <= reach)) for p, reach in reaches.items()}
+    reach = NormalDist().inv_cdf
+    return {p: 100 * float(np.mean(deviations <= reach(0.5 + p / 200))) for p in NOMINAL_PERCENT}
 
 
 def budget(reference: Reference) -> dict[str, float | list[str] | None]:

@@ -89,9 +89,7 @@ def usable_repeats(strongest_z_m: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Remove the repeats in which nothing was imaged (NaN) from the depths of each hand.
     strongest_z_m: for each hand, depths [n_repeats]. Returns an empty list if any hand keeps fewer
     than two, because a mean over fewer hands would be another figure."""
-    hands = [
-        z[np.isfinite(z)] for z in (np.asarray(hand, dtype=np.float64) for hand in strongest_z_m)
-    ]
+    hands = [z[np.isfinite(z)].astype(np.float64) for z in strongest_z_m]
     return hands if all(len(z) > 1 for z in hands) else []
 
 

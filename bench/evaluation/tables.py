@@ -191,9 +191,7 @@ def _typed(cells: pd.Series, kind: type) -> pd.Series:
 def write(path: Path, table: pd.DataFrame, schema: Schema) -> None:
     """Write a table to a CSV file with a header line, atomically. Values that are not finite become
     empty cells."""
-    cells = conform(table, schema).replace([np.inf, -np.inf], np.nan)
-    for name, kind in schema.items():
-        if kind is bool:
-            cells[name] = cells[name].astype(int)
+    flags = {name: int for name, kind in schema.items() if kind is bool}
+    cells = conform(table, schema).replace([np.inf, -np.inf], np.nan).astype(flags)
     with atomic_path(path) as temporary:
         cells.to_csv(temporary, index=False, lineterminator="\n")

@@ -154,7 +154,7 @@ def bake(rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray) -> np
     caster of all surfaces. Returns the irradiance [n], divided by π."""
     origins_m = (points_m + SHADOW_OFFSET_M * normals).astype(np.float32)
     normals = normals.astype(np.float32)
-    result = np.zeros(len(origins_m))
+    result, open_sky, whole_sky = np.zeros((3, len(origins_m)))
     for lamp in LAMPS:
         samples_m, reach_m = lamp.samples_m().astype(np.float32), np.linalg.norm(lamp.centre_m)
         for lamp_m in samples_m:
@@ -164,7 +164,6 @@ def bake(rays: RaycastingScene, points_m: np.ndarray, normals: np.ndarray) -> np
             falloff = (reach_m / distance_m) ** 2
             unshadowed = clear(rays, origins_m, towards, cosine > 0)
             result += lamp.irradiance / len(samples_m) * cosine * falloff * unshadowed
-    open_sky, whole_sky = np.zeros(len(origins_m)), np.zeros(len(origins_m))
     for direction in _sphere().astype(np.float32):
         cosine = np.maximum(normals @ direction, 0)
         whole_sky += cosine

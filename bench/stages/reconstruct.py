@@ -69,15 +69,17 @@ def reconstruct(
     images; every_nth_antenna: use only every n-th transmitter and every n-th receiver; frames: how
     many frames are imaged."""
     with use_device(device):
-        imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
+        imager = Imager(capture, method, config, frames, every_nth_antenna)
         images = imager.images()
         seconds, depths = imager.repeated(images.seconds), images.depths
         if seconds[0] < PLANNED_S:
-
-            def image(settings: MethodSettings) -> DepthMap:
-                return replace(imager.task, settings=settings).image()
-
-            write_treated(folder, image, imager.task.settings, depths[0])
+            task = imager.task
+            write_treated(
+                folder,
+                lambda settings: replace(task, settings=settings).image(),
+                task.settings,
+                depths[0],
+            )
     # not timed: the uncertainty is not part of the method
     imager.task.with_uncertainty(depths[0]).save(folder / DEPTH)
     if frames > 1:
@@ -103,7 +105,7 @@ def repeat(
     pixel (repeats.npz), and the times of the frames (timing.json). The arguments are those of
     `reconstruct`."""
     with use_device(device):
-        imager = Imager(Path(capture), method, config, frames, every_nth_antenna, repeats=True)
+        imager = Imager(capture, method, config, frames, every_nth_antenna, repeats=True)
         images = imager.images()
     first, *_ = depths = images.depths
     z_m = np.stack([depth.z_m for depth in depths])
@@ -133,7 +135,7 @@ def time_again(
     round_: number of the round of a benchmark in which this happens; the other arguments are those
     of `reconstruct`."""
     with use_device(device):
-        imager = Imager(Path(capture), method, config, frames, every_nth_antenna)
+        imager = Imager(capture, method, config, frames, every_nth_antenna)
         images = imager.images()
         seconds = imager.repeated(images.seconds)
     _write_times(folder, seconds, images.plan_s)
@@ -208,7 +210,7 @@ class Imager:
 
     def __init__(
         self,
-        capture: Path,
+        capture: str | Path,
         method_id: str,
         config: dict[str, Any],
         frames: int = 1,
