@@ -217,12 +217,12 @@ def order_warnings(
     without. image: makes a depth map of a capture; as_is_mm: `error_mm` without correction."""
     array = capture.aperture
     if isinstance(array, AntennaArray) and len(array.tx_m) == len(array.rx_m):
-        turned, exchanged = "tx and rx", replace(array, tx_m=array.rx_m, rx_m=array.tx_m)
+        turned, ends_m = "tx and rx", (array.rx_m, array.tx_m)
         cure = "exchange tx_m and rx_m, or these axes of the samples"
     else:
-        tx_m, rx_m = (ends_m[:, [1, 0, 2]] for ends_m in (array.tx_m, array.rx_m))
-        turned, exchanged = "x and y", replace(array, tx_m=tx_m, rx_m=rx_m)
+        turned, ends_m = "x and y", (array.tx_m[:, [1, 0, 2]], array.rx_m[:, [1, 0, 2]])
         cure = "exchange these columns of the positions"
+    exchanged = replace(array, tx_m=ends_m[0], rx_m=ends_m[1])
     corrections = (
         (
             "the tones in reverse order",
