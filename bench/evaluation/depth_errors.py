@@ -148,14 +148,19 @@ class Pixels:
         self.to_map_m = np.where(surface, to_map_m, 0.0).sum() / self.n_surface
 
 
-def deviations_m(z_m: np.ndarray) -> np.ndarray:
-    """Compute the standard deviation (n − 1) [ny, nx] of each pixel's depth over repeated frames,
-    z_m [n ≥ 2, ny, nx], metres; NaN where a frame does not observe the pixel, and for one frame.
-    The median of its pixels is the precision per pixel."""
-    if len(z_m) < 2:
-        return np.full(z_m.shape[1:], np.nan)
+def deviation_map(x_m: np.ndarray, y_m: np.ndarray, z_m: np.ndarray) -> ErrorMap:
+    """Compute the standard deviation (n − 1) of each pixel's depth over repeated frames, z_m [n ≥
+    2, ny, nx], metres.
+    Returns an ErrorMap whose error_m holds the deviations, NaN where a frame does not observe the
+    pixel. The median of its pixels is the precision per pixel."""
     # in double precision, for of 1 µm about 0.3 m a float32 mean would leave nothing
-    return np.std(z_m, axis=0, ddof=1, dtype=np.float64)
+    several = len(z_m) > 1
+    deviation_m = (
+        np.std(z_m, axis=0, ddof=1, dtype=np.float64) if several else np.full(z_m.shape[1:], np.nan)
+    )
+    return ErrorMap(
+        np.asarray(x_m, np.float64), np.asarray(y_m, np.float64), deviation_m, deviation_m
+    )
 
 
 def strongest_scatterer_z_m(z_m: np.ndarray, amplitude: np.ndarray) -> np.ndarray:

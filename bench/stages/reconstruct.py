@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from handbench.bench.datasets.dataset import open_capture
-from handbench.bench.evaluation.depth_errors import ErrorMap, deviations_m, strongest_scatterer_z_m
+from handbench.bench.evaluation.depth_errors import ErrorMap, deviation_map, strongest_scatterer_z_m
 from handbench.bench.stages.image import configured, prepare, required_frames
 from handbench.radar.data.capture import RadarCapture
 from handbench.radar.data.depthmap import DepthMap
@@ -115,7 +115,7 @@ def repeat(
         z_m=strongest_scatterer_z_m(z_m, amplitude),
         x_m=first.x_m,
         y_m=first.y_m,
-        deviation_m=deviations_m(z_m),
+        deviation_m=deviation_map(first.x_m, first.y_m, z_m).error_m,
     )
     _write_times(folder, images.seconds, images.plan_s)
 

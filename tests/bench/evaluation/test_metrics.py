@@ -10,7 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from handbench.bench.evaluation.depth_errors import deviations_m, error_map, strongest_scatterer_z_m
+from handbench.bench.evaluation.depth_errors import (
+    deviation_map,
+    error_map,
+    strongest_scatterer_z_m,
+)
 from handbench.bench.evaluation.intervals import precision_mm, relative_precision_percent
 from handbench.bench.evaluation.metrics import F_MM, METRICS, figures
 from tests.refusals import refuse
@@ -114,8 +118,9 @@ def test_precision_per_pixel_is_the_median_of_the_pixels_seen_in_all_repeats():
     """Deviations of 1, 2 and 3 mm; a fourth pixel that one repeat misses does not count."""
     z_m = 0.3 + 1e-3 * np.array([-1.0, 0, 1])[:, None, None] * np.array([[1.0, 2, 3, 50]])
     z_m[1, 0, 3] = np.nan
-    np.testing.assert_allclose(deviations_m(z_m), [[1e-3, 2e-3, 3e-3, np.nan]], rtol=1e-9)
-    assert np.isnan(deviations_m(z_m[:1])).all()
+    spread = deviation_map(np.arange(4), np.arange(1), z_m)
+    np.testing.assert_allclose(spread.error_m, [[1e-3, 2e-3, 3e-3, np.nan]], rtol=1e-9)
+    assert np.isnan(deviation_map(np.arange(4), np.arange(1), z_m[:1]).error_m).all()
 
 
 @given(depths_m, depths_m)
