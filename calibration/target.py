@@ -114,7 +114,7 @@ def match(candidates: Sequence[Candidate], target: Target, sensor: str) -> dict[
         raise HandbenchError(
             f"{sensor}: match {len(best)} elements of the target; expected at "
             f"least {needed} of {len(target.element)}; check the description of the target, the "
-            "scale, and that all elements are in view"
+            "scale, that all elements are in view, and that the sensor resolves them"
         )
     if others:
         seen = ", ".join(str(element + 1) for element in sorted(best))

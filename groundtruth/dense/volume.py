@@ -163,5 +163,5 @@ def warn_of_cuts(found: Volume, cloud: Cloud, plane: Plane | None) -> None:
     if share > CUT:
         say(
             f"volume: {share:.1%} of the points are at the sides of the box, so it may cut the "
-            "surface; give a larger --box"
+            "surface; give a larger --box, such as a simulated capture's box_m in capture.toml"
         )

@@ -227,6 +227,8 @@ def depths_by_hand(
     and of amplitudes."""
     echoes = Echoes(echo_file)
     for method in METHODS:
+        if not (folder / "depth" / f"{capture}__{method}.npz").exists():
+            continue  # another benchmark than the paper's
         with np.load(folder / "depth" / f"{capture}__{method}.npz") as kept:
             x_m, y_m, theirs_m = kept["x_m"], kept["y_m"], kept["z_m"]
             config, db = json.loads(str(kept["config"])), kept["amplitude_db"].astype(np.float64)
