@@ -77,11 +77,11 @@ class DepthMap:
         for name in ("x_m", "y_m"):
             axis_m = getattr(self, name)
             sorted_ = (axis_m[1:] > axis_m[:-1]).all() or (axis_m[1:] < axis_m[:-1]).all()
-            if not (sorted_ and (np.abs(axis_m) <= LARGEST).all()):
+            if not (axis_m.size and sorted_ and (np.abs(axis_m) <= LARGEST).all()):
                 raise HandbenchError(
-                    f"{where}: {name} is not sorted, or has equal or infinite values; expected "
-                    f"the centres of the pixels in metres, in order, at most {LARGEST:g} m from "
-                    "0"
+                    f"{where}: {name} is empty or not sorted, or has equal or infinite values; "
+                    f"expected the centres of the pixels in metres, in order, at most {LARGEST:g} "
+                    "m from 0"
                 )
         if (limit := self.velocity_limit_m_s) is not None and not 0 < limit < np.inf:
             raise HandbenchError(

@@ -40,3 +40,8 @@ def test_every_field_comes_back(tmp_path, depth):
 def test_what_does_not_fit_is_named(tmp_path, name, value, place):
     replace(WHOLE, **{name: value}).save(tmp_path / "d.npz")
     refuse(lambda: load_depthmap(tmp_path / "d.npz"), "d.npz", place)
+
+
+def test_a_map_needs_a_pixel():
+    none = replace(PLAIN, x_m=np.arange(0.0), z_m=Z_M[:, :0], amplitude_db=Z_M[:, :0])
+    refuse(lambda: none.checked("map"), "map", "x_m")
