@@ -118,20 +118,16 @@ def timed(work: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
     return work(), clock_s() - start_s
 
 
-def write_engine(path: Path) -> None:
+def main() -> None:
     """Measure the three computations; print the table, and write it as a JSON file."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, default=Path("runs/bench.json"))
+    out = parser.parse_args().out
     measured = cases(hand(), qar50(), Backprojection(), Fsk())
     rows = [measure(case) for case in track(measured, "engine")]
     facts = {**machine(), "imaging_device": describe()}
-    write_json(path, {"machine": facts, "versions": versions(), "rows": rows})
+    write_json(out, {"machine": facts, "versions": versions(), "rows": rows})
     print(pd.DataFrame(rows).to_string(index=False, float_format="{:.3g}".format))
-
-
-def main() -> None:
-    """Measure the three computations, print the table and write it as a JSON file."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, default=Path("runs/bench.json"))
-    write_engine(parser.parse_args().out)
 
 
 if __name__ == "__main__":
