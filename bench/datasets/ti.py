@@ -20,7 +20,7 @@ from handbench.support.config import Config, Tone, parse
 from handbench.support.cost import require_memory
 from handbench.support.errors import HandbenchError
 from handbench.support.files import CSV_BYTES, KEPT_BYTES, read_bytes, read_text, require_folder
-from handbench.support.progress import say
+from handbench.support.progress import warn
 
 WHAT = "adc_data.bin and a .cfg, the chirp profile"
 # Antennas of the boards by number, from the middle between the mean transmitter and the mean
@@ -99,8 +99,7 @@ def import_ti_raw(source: Path, folder: Path, /, **settings: Any) -> None:
 
     source = require_folder(source, WHAT)
     profile, beat = read_raw(source, settings)
-    for warning in raw_warnings(profile, beat):
-        say(f"{source}: {warning}")
+    warn(source, raw_warnings(profile, beat))
     if profile.real:
         from scipy.signal import hilbert  # half a second
 

@@ -39,7 +39,7 @@ from handbench.radar.methods.gross_errors import with_p_gross
 from handbench.radar.methods.registry import method
 from handbench.support.errors import HandbenchError
 from handbench.support.files import write_json
-from handbench.support.progress import say
+from handbench.support.progress import warn
 from handbench.support.store import stage
 
 FIRST = "first_depth_m"  # first depth of methods that have one
@@ -87,8 +87,7 @@ def inspect_capture(folder: Path, capture: str, frames: int) -> None:
     with fresh_plans(), suppress(HandbenchError):  # the plans of the imaging stages are timed
         recorded = open_capture(capture)
         warnings = list(capture_warnings(recorded, frames))
-        for warning in warnings:
-            say(f"{recorded.about.name}: {warning}")
+        warn(recorded.about.name, warnings)
     write_json(folder / INSPECTION, {"warnings": warnings})
 
 
@@ -101,8 +100,7 @@ def method_warnings(maps: Iterable[tuple[str, Path]]) -> dict[str, list[str]]:
         files[name].append(file)
     warnings = {name: [*doubt(map(load_depthmap, of))] for name, of in files.items()}
     for name, texts in warnings.items():
-        for text in texts:
-            say(f"{name}: {text}")
+        warn(name, texts)
     return {name: texts for name, texts in warnings.items() if texts}
 
 
